@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fenicsrom.formats import abaqus_joints
 from fenicsrom.formats.abaqus_couplings import KEYWORDS, Reader
 from fenicsrom.formats.abaqus_sets import Keyword, Resolver, by_block, fields
 from fenicsrom.formats.cells import faces
@@ -50,6 +51,7 @@ class _State:
         materials: the spelling of each material by its name in capitals.
         material: name of the material whose data follow.
         couplings: reads what couples nodes.
+        joints: reads what joins surfaces.
         solids: number of the cells of the body.
         renewed: whether the first step has forgotten the supports before it.
         step: number of the step, 0 before the first one.
@@ -63,6 +65,7 @@ class _State:
     mesh: MeshFile
     starts: Ints
     couplings: Reader
+    joints: abaqus_joints.Reader
     solids: int
     points: dict[str, list[Ints]] = field(default_factory=lambda: defaultdict(list))
     materials: dict[str, str] = field(default_factory=dict)
@@ -102,7 +105,8 @@ def with_physics(
     solid = max((block.shape.dimension for block in mesh.blocks), default=0)
     whole = [block for block in mesh.blocks if block.shape.dimension == solid]
     count = sum(len(block.nodes) for block in whole if block.labels is not None)
-    state = _State(found, nodes, cells, mesh, starts, couplings, count)
+    joints = abaqus_joints.Reader(found)
+    state = _State(found, nodes, cells, mesh, starts, couplings, joints, count)
     for block in mesh.blocks:
         state.found.strain |= block.name.startswith("CPE")
     for keyword, _ in keywords:
@@ -115,14 +119,15 @@ def with_physics(
         for part in [[row] for row in rows] if one_by_one else [rows]:
             try:
                 taken = _take(state, keyword, part, scope)
-            except (ValueError, IndexError):
+            except (ValueError, IndexError, KeyError):
                 shown = ", ".join(part[0] if part else ())
                 is_support = keyword.name == "BOUNDARY"
                 state.found.leave(f"*{keyword.name}: {shown!r} cannot be read", is_support)
                 continue
             if not taken:
                 state.unread[said(f"*{keyword.name}", keyword.name)] = None
-    return state.found.finished(mesh), tuple(state.unread)
+    found.joints = joints.finished()
+    return found.finished(mesh), tuple(state.unread)
 
 
 def _take(state: _State, keyword: Keyword, rows: list[list[str]], scope: tuple[str, ...]) -> bool:
@@ -145,6 +150,11 @@ def _take(state: _State, keyword: Keyword, rows: list[list[str]], scope: tuple[s
         state.found.turned |= set(of.tolist())
     elif name in KEYWORDS:
         return state.couplings.take(keyword, rows, lambda text: _nodes_of(state, text, scope))
+    elif name in abaqus_joints.KEYWORDS:
+        return state.joints.take(
+            *(keyword, rows, lambda text: _group_of(state, text)),
+            lambda text: state.nodes.found(scope, text),
+        )
     elif name == "ELEMENT":
         if keyword.parameters.get("TYPE", "").upper() in TAKEN_ELEMENTS:
             at = [state.nodes.found(scope, row[1]) for row in rows]
@@ -218,6 +228,14 @@ def _surface(state: _State, text: str) -> str | None:
     return None
 
 
+def _group_of(state: _State, text: str) -> str | None:
+    """The group of a surface of elements, or of nodes."""
+    found = _surface(state, text)
+    names = [text.upper(), text.rpartition(".")[2].upper()]
+    nodes = {group.upper(): group for group in state.mesh.node_groups}
+    return found or next((nodes[name] for name in names if name in nodes), None)
+
+
 def _section(
     state: _State, keyword: Keyword, rows: list[list[str]], scope: tuple[str, ...]
 ) -> None:
@@ -240,6 +258,8 @@ def _boundary(state: _State, keyword: Keyword, row: list[str], scope: tuple[str,
     if state.step == 1 and keyword.parameters.get("OP", "").upper() == "NEW" and not state.renewed:
         state.found.release()
         state.renewed = True
+    if _tensioned(state, row[0], scope):
+        return  # keeps the length of the bolt
     nodes = state.nodes.found(scope, row[0])
     if row[1].upper() in TYPED:
         components = TYPED[row[1].upper()]
@@ -257,8 +277,19 @@ def _boundary(state: _State, keyword: Keyword, row: list[str], scope: tuple[str,
     state.found.hold(next(known, name), nodes.tolist(), components)
 
 
+def _tensioned(state: _State, text: str, scope: tuple[str, ...]) -> str | None:
+    """The surface of the pre-tension section whose node a data line names."""
+    known = state.joints.tensioned
+    nodes = state.nodes.found(scope, text).tolist() if known else []
+    return next((known[node] for node in nodes if node in known), None)
+
+
 def _load(state: _State, keyword: Keyword, row: list[str], scope: tuple[str, ...]) -> None:
     name, found, kind = keyword.name, state.found, row[1].upper()
+    if surface := _tensioned(state, row[0], scope):
+        what = f"the pre-tension {row[2]} of the section {surface}, which cuts a meshed bolt"
+        found.leave(f"{what}; give [[bolts]] with the faces under its head and nut")
+        return
     if "AMPLITUDE" in keyword.parameters:
         found.leave(f"the amplitude of *{name}: the load is static, with the factor 1")
     if name == "CLOAD":

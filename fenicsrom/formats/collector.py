@@ -12,6 +12,7 @@ from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.formats.couplings import Component, Couplings
 from fenicsrom.formats.mesh_file import (
     Block,
+    DeckJoint,
     DeckLoad,
     DeckMaterial,
     DeckSupport,
@@ -124,6 +125,7 @@ class Collector:
         strain: whether its strains, not its stresses, are plane.
         not_taken: what a scene cannot state, each in a few words, in their order.
         lost_support: whether a support is among it.
+        joints: contacts and ties between surfaces.
     """
 
     constants: dict[str, dict[str, float]] = field(default_factory=lambda: defaultdict(dict))
@@ -141,6 +143,7 @@ class Collector:
     strain: bool = False
     not_taken: dict[str, None] = field(default_factory=dict)
     lost_support: bool = False
+    joints: list[DeckJoint] = field(default_factory=list)
 
     def cells_of(self, material: str, mesh: MeshFile) -> list[Marks]:
         """The marks of the cells of a material in each block, to be changed."""
@@ -219,7 +222,8 @@ class Collector:
         blocks, pressures = self._pressures(groups)
         loads, plane = (*self.others, *pressures, *forces), (self.thickness, self.strain)
         held = tuple(supports), tuple(masses), tuple(springs)
-        physics = Physics(materials, *held, loads, tuple(self.not_taken), *plane, self.lost_support)
+        lost = tuple(self.not_taken), *plane, self.lost_support
+        physics = Physics(materials, *held, loads, *lost, tuple(self.joints))
         return replace(mesh, blocks=(*mesh.blocks, *blocks), node_groups=groups, physics=physics)
 
     def _moving(self, forces: dict[int, Floats]) -> dict[int, Floats]:

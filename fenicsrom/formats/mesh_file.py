@@ -86,6 +86,33 @@ class DeckLoad:
     group: str | None = None
 
 
+@dataclass(frozen=True)
+class DeckJoint:
+    """A contact or a tie between two surfaces.
+
+    Attributes:
+        name: what the file calls it.
+        group: the group of the first surface, of facets or nodes.
+        against: that of the other one.
+        tied: whether it is a tie.
+        reach: largest distance of what is tied; None for the default.
+        shut: whether the file closes the gaps.
+        friction: coefficient of friction.
+        normal: normal stiffness per area; None for a rigid contact.
+        tangential: tangential stiffness per area; None for a rigid contact.
+    """
+
+    name: str
+    group: str
+    against: str
+    tied: bool
+    reach: float | None = None
+    shut: bool = False
+    friction: float = 0.0
+    normal: float | None = None
+    tangential: float | None = None
+
+
 DeckSupport = tuple[str | tuple[float, ...], tuple[int, ...]]
 """A group of nodes or facets, or the coordinates of a node, and the components that are held."""
 
@@ -104,6 +131,7 @@ class Physics:
         thickness: thickness of a plane body; None if the file has none.
         strain: whether the strains of a plane body are plane, and not its stresses.
         lost_support: whether a support is not taken.
+        joints: contacts and ties between surfaces.
     """
 
     materials: tuple[DeckMaterial, ...] = ()
@@ -115,6 +143,7 @@ class Physics:
     thickness: float | None = None
     strain: bool = False
     lost_support: bool = False
+    joints: tuple[DeckJoint, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """The output of `fenicsrom inspect`: a table of the mesh and its groups, and a picture."""
 
+from collections import Counter
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -87,6 +88,8 @@ def _physics_lines(physics: Physics) -> list[str]:
         f"({', '.join(AXES[k] for k in held)})"
         for place, held in physics.supports
     ]
+    kinds = Counter("tie" if joint.tied else "contact" for joint in physics.joints)
+    parts += [counted(number, kind) for kind, number in kinds.items()]
     several = {
         "point mass": (physics.masses, "point masses"),
         "spring": (physics.springs, ""),

@@ -25,6 +25,20 @@ ON_PLANE = 1e-6
 
 FRICTION = 0.3
 
+TIMES_OF_CONTACT = (
+    "[time] # of a run, which the path does not need",
+    "duration = 1.0",
+    "step = 0.1",
+    "",
+)
+"""The table without which a scene with contact is refused."""
+
+STEEL = 2.1e11
+"""Young's modulus of steel, Pa."""
+
+LAYER = 10.0
+"""Stiffness of a contact that is rigid in the file: that of a layer of a tenth of a facet."""
+
 IMPACTS = 0.002
 """Damping ratio of mode 1 of a starter scene with contact, in proportion to the stiffness."""
 
@@ -166,6 +180,7 @@ def starter_scene(
         *_support_lines(found, root),
         *_cyclic_lines(found),
         *_attachment_lines(found),
+        *_joint_lines(found, system),
         *[f"# not taken from the file: {what}" for what in found.physics.not_taken],
         "",
         *_static_lines(found.physics.loads, found.geometry.dimension),
@@ -208,7 +223,7 @@ def _geometry_lines(found: Inspection) -> list[str]:
 
 def _material_lines(found: Inspection, units: Units) -> list[str]:
     """The tables of the materials: those of the file, else steel."""
-    steel = DeckMaterial("steel", _in(units, "Pa", 2.1e11), 0.3, _in(units, "kg/m³", 7850.0))
+    steel = DeckMaterial("steel", _in(units, "Pa", STEEL), 0.3, _in(units, "kg/m³", 7850.0))
     lines: list[str] = []
     for k, material in enumerate(found.physics.materials or (steel,)):
         if k == 0:
@@ -267,7 +282,7 @@ def _support_lines(found: Inspection, root: str | None) -> list[str]:
         lines.append(f"group = {toml(others.pop(0))}")
     else:
         lines.append(f"box = {_end_box(found)} # an end of the body")
-    if found.pieces > 1:
+    if found.pieces > 1 + len(found.physics.joints):
         lines.append(f"# the mesh has {found.pieces} pieces that share no node; clamp each of them")
     if others:
         lines.append(f"# groups of facets: {', '.join(map(toml, others))}")
@@ -374,6 +389,38 @@ def _attachment_lines(found: Inspection) -> list[str]:
     return lines
 
 
+def _joint_lines(found: Inspection, units: Units) -> list[str]:
+    """The tables of the contacts and ties of the file, the finer surface first."""
+    lines: list[str] = []
+    sizes = {
+        group.name: (group.size / group.number) ** (1.0 / (found.geometry.dimension - 1))
+        for group in found.groups
+        if group.kind == "facets" and group.size
+    }
+    moduli = [material.young for material in found.physics.materials if material.young is not None]
+    for joint in found.physics.joints:
+        pair = joint.group, joint.against
+        if missing := [name for name in pair if name not in sizes]:
+            what = f"{joint.name}: no whole facet lies on the surface {missing[0]}"
+            lines += ["", f"# not taken from the file: {what}"]
+            continue
+        first, second = sorted(pair, key=lambda name: sizes[name])  # stable
+        lines += ["", f"{'[[ties]]' if joint.tied else '[[contacts]]'} # of the file: {joint.name}"]
+        lines += [f"group = {toml(first)}", f"against = {toml(second)}"]
+        if joint.tied:
+            lines += [f"reach = {joint.reach!r}"] if joint.reach is not None else []
+            continue
+        chosen = f"{LAYER * (moduli or [_in(units, 'Pa', STEEL)])[0] / sizes[first]:.2g}"
+        why = f" # chosen: {LAYER:g} E/h with the size h of a facet, because the file has none"
+        normal = f"{chosen}{why}" if joint.normal is None else f"{joint.normal!r}"
+        slope = joint.tangential or joint.normal
+        tangential = f"{chosen}{why}" if slope is None else f"{slope!r}"
+        lines += ["gap = 0.0 # ADJUST closes the gaps"] if joint.shut else []
+        lines += [f"normal_stiffness = {normal}", f"tangential_stiffness = {tangential}"]
+        lines.append(f"friction = {joint.friction!r}")
+    return lines
+
+
 def leaves_support(found: Inspection) -> bool:
     """Whether the file has a support, but none that can be taken."""
     return found.physics.lost_support and not found.physics.supports
@@ -422,6 +469,7 @@ def _task_lines(
             "[statics] # fenicsrom statics SCENE",
             "last = 1.0 # factor on the static loads",
             "",
+            *(TIMES_OF_CONTACT if not all(x.tied for x in found.physics.joints) else ()),
         ]
     if template == "rub":
         return _rub_lines(found, units, mode, place, point)

@@ -1,0 +1,158 @@
+"""Contacts, ties and pre-tension sections of Abaqus and CalculiX decks: two cubes in a row."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+from mpi4py import MPI
+from test_deck_physics import PLACES
+
+from fenicsrom import formats
+from fenicsrom.fem.mesh.inspection import inspect
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.solid import solid_of
+from fenicsrom.formats.mesh_file import DeckJoint, MeshFile
+from fenicsrom.post.studies.starter import starter_scene
+from fenicsrom.scene import read_scene
+
+CUBES = (
+    "*NODE\n"
+    + "".join(
+        f"{10 * b + k}, {b + x}, {y}, {z}\n"
+        for b in (0, 1)
+        for k, (x, y, z) in enumerate(PLACES, 1)
+    )
+    + """99, 5, 0, 0
+*ELEMENT, TYPE=C3D8, ELSET=EALL
+1, 1,2,3,4,5,6,7,8
+2, 11,12,13,14,15,16,17,18
+*NSET, NSET=FIX
+1, 4, 5, 8
+*NSET, NSET=GUIDE
+12, 13, 16, 17
+*SURFACE, NAME=First
+1, S4
+*SURFACE, NAME=Second
+2, S6
+*SURFACE, NAME=Nodes, TYPE=NODE
+11
+14
+15
+18
+*SURFACE, NAME=Few, TYPE=NODE
+11
+14
+*MATERIAL, NAME=STEEL
+*ELASTIC
+2.1e5, 0.0
+*DENSITY
+7.85e-9,
+*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL
+"""
+)
+STEP = """*BOUNDARY
+FIX, 1, 3
+GUIDE, 2, 3
+*STEP
+*STATIC
+*DLOAD
+2, P4, 10.
+"""
+PAIR = """*SURFACE INTERACTION, NAME=Steel on steel
+*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR
+1e5,
+*FRICTION
+0.2, 5e4
+*CONTACT PAIR, INTERACTION=STEEL ON STEEL, TYPE=SURFACE TO SURFACE
+SECOND, First
+"""
+
+
+def deck(folder: Path, joints: str, step: str = STEP) -> tuple[Path, MeshFile]:
+    """The path and the content of a deck of both cubes."""
+    path = folder / "cubes.inp"
+    path.write_text(f"{CUBES}{joints}{step}*END STEP\n")
+    return path, formats.read(path)
+
+
+@pytest.mark.parametrize(
+    ("joints", "expected"),
+    [
+        ("*TIE, NAME=T, POSITION TOLERANCE=0.1\nNodes, First\n", {"tied": True, "reach": 0.1}),
+        ("*CONTACT PAIR, TIED\nSecond, First\n", {"tied": True}),
+        (PAIR, {"friction": 0.2, "normal": 1e5, "tangential": 5e4}),
+        (PAIR.replace("LINEAR", "TIED"), {"tied": True, "friction": 0.2, "normal": 1e5,
+                                          "tangential": 5e4}),
+        ("*CONTACT PAIR, INTERACTION=I, ADJUST=0.1\nSecond, First\n"
+         "*SURFACE INTERACTION, NAME=I\n*FRICTION\n0.3\n", {"friction": 0.3, "shut": True}),
+        ("*SURFACE INTERACTION, NAME=I\n*FRICTION, ROUGH\n*CONTACT PAIR, INTERACTION=I\n"
+         "Second, First\n", {"friction": 1e3}),
+    ],
+)  # fmt: skip
+def test_deck_gives_contacts_and_ties(joints: str, expected: dict, tmp_path: Path) -> None:
+    found = deck(tmp_path, joints)[1]
+    (joint,) = found.physics.joints
+    group = "Nodes" if "Nodes" in joints else "Second"
+    assert joint == DeckJoint(joint.name, group, "First", **{"tied": False} | expected)
+    assert found.not_read == () == found.physics.not_taken
+
+
+@pytest.mark.parametrize(
+    ("joints", "said"),
+    [
+        ("*TIE, NAME=T\nSecond, Absent\n", "the surface Absent has no facets"),
+        ("*CONTACT PAIR, INTERACTION=I\nFirst\n", "a surface touches itself"),
+        ("*TIE, NAME=T, CYCLIC SYMMETRY\nSecond, First\n", "give [cyclic]"),
+        ("*PRE-TENSION SECTION, SURFACE=First, NODE=99\n", "the pre-tension 500 of the section"),
+        (f"{PAIR}*CONTACT PAIR\n,\n", "a surface touches itself"),
+    ],
+)
+def test_joint_that_a_scene_cannot_state_is_named(joints: str, said: str, tmp_path: Path) -> None:
+    step = STEP + ("*CLOAD\n99, 1, 500\n" if "PRE-TENSION" in joints else "")
+    found = deck(tmp_path, joints, step)[1]
+    assert any(said in what for what in found.physics.not_taken)
+
+
+def test_interaction_that_is_not_read_is_named(tmp_path: Path) -> None:
+    joints = PAIR.replace("LINEAR", "EXPONENTIAL").replace("*FRICTION", "*FRICTION, ANISOTROPIC")
+    found = deck(tmp_path, joints)[1]
+    assert {what.partition(" ")[0] for what in found.not_read} == {"*SURFACE", "*FRICTION"}
+    (joint,) = found.physics.joints
+    assert (joint.normal, joint.friction) == (None, 0.0)
+
+
+def test_surface_without_whole_facets_is_named_in_the_starter_scene(tmp_path: Path) -> None:
+    found = inspect(deck(tmp_path, "*TIE, NAME=T\nFew, First\n")[0])
+    text = starter_scene(found, tmp_path)
+    assert "[[ties]]" not in text and "no whole facet lies on the surface Few" in text
+
+
+@pytest.mark.parametrize(
+    ("joints", "gives"),
+    [
+        ("*TIE, NAME=T\nNodes, First\n", 2e-3),
+        (PAIR, 1e-4),
+        ("*CONTACT PAIR, INTERACTION=I\nSecond, First\n", 10.0 / 2.1e6),
+    ],
+    ids=["tie", "linear contact", "rigid contact"],
+)
+def test_starter_scene_of_a_deck_moves_as_the_deck_means(
+    joints: str, gives: float, tmp_path: Path
+) -> None:
+    """Reference: two pressed bars of a deck, tied and in contact | closed form |
+    0.0952, 0.1952 µm | 0.08, 0.003 % | 0.2 %, 0.02 %"""
+    path = deck(tmp_path, joints)[0]
+    scene_file = tmp_path / "cubes.toml"
+    text = starter_scene(inspect(path), tmp_path).replace("[basis]", "[time]\nduration = 1.0\n"
+        'step = 0.1\n\n[probe]\ngroup = "GUIDE"\n\n[basis]')  # fmt: skip
+    scene_file.write_text(text)
+    scene = read_scene(scene_file)
+    body = solid_of(scene, build_mesh(scene.geometry, MPI.COMM_WORLD))
+    moved = np.asarray(body.probe_rows @ body.equilibrium)[0]
+    tied = "TIE" in joints
+    wanted = -1e-3 * (2.0 * 10.0 / 2.1e5 + (0.0 if tied else gives))
+    assert moved == pytest.approx(wanted, rel=gives if tied else 2e-4)
