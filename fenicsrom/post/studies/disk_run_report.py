@@ -19,8 +19,7 @@ from fenicsrom.online.motion.measures import (
 )
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.plot import Bars, Item, Line, Panel, Plot
-from fenicsrom.post.base.style import COLOURS
+from fenicsrom.post.base.plot import Bars, Map, Panel, Plot
 from fenicsrom.post.base.tables import Quantity, rows_of, table_of
 from fenicsrom.post.body.body_figures import deflection_figure
 from fenicsrom.post.body.body_view import largest_of, view_of
@@ -34,12 +33,7 @@ from fenicsrom.post.run.summary import (
 )
 from fenicsrom.words import counted, enumerated
 
-NAMED = 14
-"""Most sectors whose curves have names."""
-
 NO_REACTIONS = "The reactions of the supports of a disk are not found."
-
-STYLES = ("-", "--")
 
 LEAST = 1e-4
 """Smaller shares of a nodal diameter are not in the table."""
@@ -96,14 +90,13 @@ def sentences(found: DiskRun) -> list[str]:
     motion, peaks, shares, sector = found.motion, found.peaks, found.shares, found.disk.sector
     j, h = int(np.argmax(peaks)), int(np.argmax(shares))
     checked, error = found.disk.wave_error
-    unlike = ", for which it was not made," * (checked not in found.disk.diameters)
     span = f"{counted(motion.periods, 'period')}" if motion.period else f"{motion.time[-1]:.4g} s"
     lines = [
         f"The mesh is {found.disk.sentence}.",
         f"{counted(found.model.mass.shape[0], 'coordinate')}, {sector.shapes} shapes of each cut "
         f"face; {counted(motion.steps, 'step')} of {span} in {motion.seconds:.1f} s. The reduction "
-        f"changes frequencies of waves with {counted(checked, 'nodal diameter')}{unlike} by "
-        f"{100.0 * error:.2g} %.",
+        f"changes frequencies of waves with {counted(checked, 'nodal diameter')}, which have "
+        f"{100.0 * shares[checked]:.2g} % of the motion, by {100.0 * error:.2g} %.",
         f"The largest amplitude of a probe along {'xyz'[found.direction]} of its sector is "
         f"{1e3 * peaks[j]:.5g} mm, in sector {j}; {100.0 * shares[h]:.3g} % of the motion is in "
         f"waves with {counted(h, 'nodal diameter')}.",
@@ -120,14 +113,13 @@ def sentences(found: DiskRun) -> list[str]:
             f"time, slips for {parts['slip']} and sticks for {parts['stick']}. The largest normal "
             f"force of a point is {peak_normal_force(motion):.4g} N."
         )
-    worst = {cause: max(each.amplitude, *each.directions) for cause, each in found.errors.items()}
+    joined = found.scene.joined
+    worst = {cause: each.deciding(joined) for cause, each in found.errors.items()}
     known = [f"{in_percent(size)} by the {c}" for c, size in worst.items() if np.isfinite(size)]
     if known:
-        where = "contact points" if found.scene.contacts else "probe of sector 0"
-        lines.append(
-            f"Estimated errors of the amplitudes of the {where}, of the worst direction: "
-            f"{enumerated(known)}."
-        )
+        walls = bool(found.scene.contacts) and not joined
+        where = "contact points, of the worst direction" if walls else "probe of sector 0"
+        lines.append(f"Estimated errors of the amplitudes of the {where}: {enumerated(known)}.")
     if found.peaks_of_stress:
         peak = max(found.peaks_of_stress, key=lambda each: each.von_mises)
         lines.append(
@@ -202,7 +194,7 @@ def report(found: DiskRun) -> Report:
                 "disk.png",
                 lambda: figure(found),
                 f"Amplitudes{' and friction' * touching} by sector, shares of nodal diameters, and "
-                "the last period of each sector.",
+                "the displacements of the probes over the last period: waves are slanted stripes.",
                 "disk.csv",
             ),
             *([shape] if found.disk.table is not None else []),
@@ -218,25 +210,25 @@ def report(found: DiskRun) -> Report:
 
 
 def figure(found: DiskRun) -> Plot:
-    """Amplitudes by sector, shares of nodal diameters, and the motion over time."""
+    """Amplitudes by sector, shares of nodal diameters, and the waves of the last period."""
     peaks, shares = 1e3 * found.peaks, 100.0 * found.shares
+    time, moved = found.motion.coordinate_time, 1e3 * found.displacement[:, :, found.direction]
+    moved, axis = (moved - moved.mean(axis=0)).T, "xyz"[found.direction]
+    top, every = float(np.abs(moved).max(initial=0.0)) or 1.0, np.arange(peaks.size)
+    look: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -top, "vmax": top}
+    waves = Map(time, every, moved, bar=f"along {axis} about the mean, mm", **look)
     panels = [
         Panel([_bars(peaks)], "sector", "amplitude, mm", whole="x"),
         Panel([_bars(shares)], "nodal diameter", "share of the motion, %", whole="x"),
+        Panel([waves], "time, s", "sector", tight="xy", whole="y"),
     ]
-    time, moved = found.motion.coordinate_time, 1e3 * found.displacement[:, :, found.direction]
-    lines: list[Item] = []
-    for j, one in enumerate(moved.T):
-        style, colour = STYLES[j // len(COLOURS) % len(STYLES)], COLOURS[j % len(COLOURS)]
-        name = f"sector {j}" if len(moved.T) <= NAMED else ""
-        lines.append(Line(time, one, style, colour, 0.8, label=name))
     if found.scene.contacts:
         loss = np.zeros(peaks.size)
         for row in contacts(found):
             loss[int(row["sector"])] += row["loss"]
-        panels.insert(1, Panel([_bars(loss)], "sector", "friction, J per period", whole="x"))
-    label = f"probes along {'xyz'[found.direction]}, mm"
-    return Plot([*panels, Panel(lines, "time, s", label)], 8.4, 2.2 + 2.2 * (len(panels) + 1))
+        panels.insert(1, Panel([_bars(loss)], "sector", "friction,\nJ per period", whole="x"))
+    heights = [*[1.0] * (len(panels) - 1), 1.8]
+    return Plot(panels, 8.4, 2.2 * sum(heights), heights=heights)
 
 
 def _bars(values: Array) -> Bars:
