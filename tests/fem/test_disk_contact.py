@@ -15,12 +15,14 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from fenicsrom import build_solid, run, simulate
+from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.fem.solid.wave import wave
 from fenicsrom.online.motion.measures import contact_fractions, friction_dissipation_per_period
-from fenicsrom.post.studies.disk_run_report import contacts
+from fenicsrom.post.studies.disk_report import disk_report
+from fenicsrom.post.studies.disk_run_report import contacts, sentences
 from fenicsrom.study.analyses import nodal_diameters
 from tests.disks import CYCLIC, N, copied, extruded, scene_of, shrouded, spinning, turned, wedged
 from tests.fem.test_disk_run import marched_alone, sector_of
@@ -144,6 +146,8 @@ def test_shrouds_rub_and_lift_off_as_those_of_the_whole_disk(tmp_path: Path, end
     assert open_ > 0.1 and slip > 0.2
     assert moved < 1e-6 and pushed < 2e-6
     assert found.disk.wave_error[1] < 1e-9
+    told = found.errors["time step"].probe  # the error by which the run is judged
+    assert f"probe of sector 0: {in_percent(told)} by the time step" in " ".join(sentences(found))
     np.testing.assert_allclose(
         found.motion.friction_dissipation[-1], motion.friction_dissipation[-1], rtol=3e-7
     )
@@ -204,6 +208,13 @@ def test_modes_with_stuck_and_open_shrouds_are_those_of_the_whole_disk(tmp_path:
         body.stiffness_times = times
         wanted = modes_at_speed(body, 12)[0]
         np.testing.assert_allclose(np.sort(squares)[:12], wanted, rtol=1e-7)
+
+
+def test_modes_with_shrouds_that_carry_no_pressure_have_no_open_ones(tmp_path: Path) -> None:
+    gap, cyclic = SHROUD | {"preload": 0.0, "gap": 1e-3}, CYCLIC | {"diameters": [1]}
+    found = nodal_diameters(sector_scene(tmp_path, shrouded(), [gap], cyclic=cyclic))
+    assert found.open_squares is None
+    assert "None of 3 contact points" in " ".join(disk_report(found).sentences)
 
 
 def test_shrouds_close_as_the_disk_slows_down(tmp_path: Path) -> None:

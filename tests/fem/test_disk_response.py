@@ -15,6 +15,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from fenicsrom import load_disk, response, simulate
+from fenicsrom.assess.curves import balance_walk
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.curves.balance_curve import BalanceCurve, first_motion
 from fenicsrom.online.curves.curve import STICKS, CurvePoint, half_range
@@ -173,5 +174,15 @@ def test_response_of_a_disk_writes_its_wave(tmp_path: Path) -> None:
 
 def test_wave_that_the_balance_cannot_find_is_refused(tmp_path: Path) -> None:
     table = {"first": 150.0, "last": 230.0}
+    scene = blades(tmp_path, 2, 170.0, response=table, cyclic=CYCLIC | {"mistuning": N * [0.1]})
     with refusal(ErrorKind.CONFLICT, key="cyclic.mistuning", names="tuned"):
-        blades(tmp_path, 2, 170.0, response=table, cyclic=CYCLIC | {"mistuning": N * [0.1]})
+        response(scene)
+
+
+def test_wave_that_is_not_found_ends_with_advice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(balance_walk, "first_motion", lambda *given: None)
+    scene = blades(tmp_path, 2, 170.0, response={"first": 150.0, "last": 230.0})
+    found = response(scene, MPI.COMM_SELF)
+    assert "response.first" in str(found.unfinished) and "preload" in str(found.unfinished)

@@ -107,7 +107,9 @@ class BalanceWalk(CurveWalk):
             raise ConvergenceError(text, kind=ErrorKind.CONVERGENCE)
         found = first_motion(self._path(self._balance, s), s, value)
         if found is None:
-            raise ConvergenceError(lost, kind=ErrorKind.CONVERGENCE)
+            text = f"{lost}: begin where the motion is smaller (response.first, response.last)"
+            text += ", or press together contacts that are open at rest (preload)"
+            raise ConvergenceError(text, kind=ErrorKind.CONVERGENCE)
         return found
 
     def compute(self, richer: RicherModel | None) -> None:

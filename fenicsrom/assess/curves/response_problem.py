@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from fenicsrom.assess.curves.results import Reduced, require_polynomial, response_table
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError, refuse
 from fenicsrom.online.contact.points import shares
 from fenicsrom.online.model.loads import displacement_sines
 from fenicsrom.online.model.model import Problem
@@ -34,9 +34,13 @@ def check_response(scene: Scene) -> None:
     Raises:
         SceneError: there is no table [response], nothing excites the body, the model would not be
             an exact polynomial, a surface does not repeat, the scene may not have the parameter of
-            an end of the curves, or the second number of the curves cannot be used.
+            an end of the curves, the second number of the curves cannot be used, or a disk is not
+            tuned.
     """
     table = response_table(scene)
+    if scene.cyclic is not None and scene.cyclic.mistuning is not None:
+        reason = "not allowed in response curves: a wave needs a tuned disk"
+        raise refuse(scene.source, reason, ErrorKind.CONFLICT, "cyclic.mistuning")
     _check_excitation(scene, scene)
     require_repeating(scene)
     require_polynomial(scene, "response curves")

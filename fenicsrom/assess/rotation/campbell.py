@@ -96,7 +96,7 @@ class Campbell:
         waves: which wave of a disk each mode is; () of a whole body.
         shapes: (local, m) complex amplitudes of these modes in the sector at the last speed.
         open_squares: (m,) omega^2 by nodal diameter, as `waves`, at the last speed without the
-            contacts between sectors; None without such contacts.
+            contacts between sectors; None without such contacts that press.
         files: the written files, the one to open first at the head.
     """
 
@@ -217,7 +217,7 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
         last = [part.shapes[reached.size - 1][:, : part.shown] for part in tracked.parts]
         pairs = list(zip(diameters_of(scene), last, strict=True))
         found.waves, found.shapes = waves_of(solid, pairs, _sense(scene, reached[-1]))
-        if unfinished is None and solid.between.any():
+        if unfinished is None and np.any(solid.pressing & solid.between):
             released = [part.solved(solid, stuck=False) for part in tracked.parts]
             found.open_squares = np.concatenate(released)
     found.warnings += [*_warnings(found), *tracked.warnings(scene, reached)]

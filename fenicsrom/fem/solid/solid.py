@@ -367,6 +367,13 @@ class Solid(ElasticBody):
     # ------------------------------------------------------------------ about the equilibrium
 
     @property
+    def pressing(self) -> Array:
+        """(P,) whether each contact point of a joint presses in the equilibrium."""
+        if self.joint is None:
+            return np.zeros(self.between.size, dtype=bool)
+        return np.asarray(self.joint.springs[:: self.dimension] > 0.0)
+
+    @property
     def wall_force(self) -> Array:
         """Force (local,) on rigid surfaces that bodies which touch press at rest, N."""
         if self.joint is None:

@@ -55,7 +55,7 @@ HURRIES = " for many points: longer steps, no search between them"  # and the pr
 def hurries(curve: curves.Curve) -> bool:
     """Whether the last points of a curve are unstable, so that the next ones are worth less."""
     last = curve.points[-STRETCH:]
-    return len(last) == STRETCH and not any(point.stable for point in last)
+    return len(last) == STRETCH and not any(p.stable or p.verdict == curves.UNJUDGED for p in last)
 
 
 class Continuation(arc.ArcLength):

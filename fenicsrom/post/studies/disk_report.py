@@ -270,10 +270,13 @@ def disk_report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         *sentences(found),
     ]
     if found.body and found.body.joint:
-        closed = found.body.joint.springs[:: found.body.dimension] > 0.0
+        pressing = found.body.pressing
+        points = f"{counted(pressing.size, 'contact point')} in a sector"
         lines.append(
-            f"Of {counted(closed.size, 'contact point')} in a sector, {closed.sum()} press in the "
-            "equilibrium. These stick in the modes."
+            f"Of {points}, {pressing.sum()} press in the equilibrium. These stick in the modes."
+            if pressing.any()
+            else f"None of {points} presses in the equilibrium: the modes are those without "
+            "contact. A preload or a static load may press them together."
         )
     if any(wave.direction for wave in found.waves):
         lines.append("f: the wave runs with the rotation, b: against it, seen from the disk.")

@@ -38,10 +38,6 @@ def _balance_problems(scene: Scene, response: Response) -> Problems:
         yield Problem(key, "not allowed in response curves by harmonic balance")
     if scene.cyclic is None:
         return
-    if scene.cyclic.mistuning is not None:
-        yield Problem(
-            "cyclic.mistuning", "not allowed in response curves: a wave needs a tuned disk"
-        )
     orders = [load.order for load in scene.loads if not load.static]
     if min(orders, default=0) == 0 < max(orders, default=0):
         allowed = "must be an engine_order in response curves of a disk, as of the other loads"
