@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,9 @@ from support import assert_tangent
 from test_pairs import COARSE, PAIR, bars, forces, lap, scene_of, solid, stacked
 
 import fenicsrom as fr
+from fenicsrom.cli import main
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
-from fenicsrom.scene import Load, Scene
+from fenicsrom.scene import Load, Scene, toml_text
 
 
 def pulled(load: float, friction: float, *contacts: Any) -> Scene:
@@ -105,3 +107,18 @@ def test_path_ends_where_friction_no_longer_holds_the_body(tmp_path: Path) -> No
     assert (found.reason, found.unfinished, found.special) == ("sliding", None, [])
     assert last.load_factor == pytest.approx(0.1, rel=1e-9)
     assert last.slipping == last.closed > 0 and found.direction == 0  # not that of the pressure
+
+
+def test_bodies_that_touch_need_no_times_where_nothing_moves(tmp_path: Path) -> None:
+    table = tomllib.loads(Path("demos/lap_joint.toml").read_text())
+    table |= {
+        "loads": [{"group": "tip", "direction": [0, 1], "force": 10.0}],
+        "output": {"pictures": False},
+    }
+    del table["time"], table["title"]
+    table["geometry"]["mesh"] = str(Path("meshes/lap2d.geo").absolute())
+    scene = tmp_path / "lap.toml"
+    scene.write_text(toml_text(table))
+    for command in ("modes", "statics"):
+        assert main([command, str(scene), "--output", str(tmp_path / command)]) == 0
+    assert main(["run", str(scene), "--output", str(tmp_path / "run")]) == 2

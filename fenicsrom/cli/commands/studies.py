@@ -110,7 +110,7 @@ def _study(
         name: of the command; by default that of the function.
         resume: name and description of the file or folder from which the command continues; by
             default its output folder.
-        unloaded: whether the scene needs no load and no probe.
+        unloaded: whether the scene needs no load, no probe and no times.
     """
     parameters = signature(function).parameters
     stored = any("StoredModel" in str(one.annotation) for one in parameters.values())
@@ -199,6 +199,7 @@ COMMANDS = (
         study.statics,
         "follow static equilibria over a load factor, through limit points (snap-through)",
         " with static loads; its [statics] table gives the range of their factor",
+        unloaded=True,
     ),
     _study(
         study.interaction_map,

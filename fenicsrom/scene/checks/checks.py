@@ -443,8 +443,8 @@ def _duration_problems(scene: Scene) -> Problems:
         default = times.Periodic()
         name = next((n for n in given if getattr(time, n) != getattr(default, n)), "periods")
         yield Problem(f"time.{name}", f"use duration, because {why}")
-    if isinstance(time.span, times.EquilibriumOnly):
-        if not scene.static_only or not isinstance(time.stepping, times.NoStep):
+    if scene.static_only:
+        if scene.contacts or transient or varies or not isinstance(time.stepping, times.NoStep):
             yield Problem("time.duration", f"must be a number above 0, because {why}")
         return
     duration, either = time.duration or 0.0, "steps_per_revolution, " if varies else ""

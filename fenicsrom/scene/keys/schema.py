@@ -423,13 +423,5 @@ class Scene:
 
     @property
     def static_only(self) -> bool:
-        """Whether only the equilibrium is computed.
-
-        There is no contact, all loads are static, the speed is constant and no duration is given.
-        """
-        return (
-            not self.contacts
-            and all(load.static for load in self.loads)
-            and not isinstance(self.time.span, Duration)
-            and not (self.rotation is not None and self.rotation.history)
-        )
+        """Whether the scene has no motion: only equilibria and modes can be computed."""
+        return self.period is None and not isinstance(self.time.span, Duration)
