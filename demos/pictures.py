@@ -40,6 +40,7 @@ COMMANDS = {
     "blade_pressed": "run",
     "blade_campbell": "campbell",
     "disk": "modes",
+    "disk_shrouds": "response",
     "response_2d": "response",
     "shaker_2d": "response",
     "backbone_2d": "backbone",
@@ -412,17 +413,19 @@ def draw_response(
         place = np.array([float(row[parameter]) for row in mine])
         size = quantity[1] * np.array([float(row[quantity[0]]) for row in mine])
         fold = np.array([row["event"] == "fold" for row in mine])
-        stable = np.array([row["stability"] == "stable" for row in mine])
+        stable = np.array([row["stability"] in ("stable", "not judged") for row in mine])
         look = {"color": list(SELECTIONS.values())[number], "linewidth": 1.6}
         axes.plot(place, np.where(stable | fold, size, np.nan), **look, label=f"{float(value):g}")
         axes.plot(place, np.where(~stable | fold, size, np.nan), "--", **look)
         axes.plot(place[fold], size[fold], "o", color=look["color"], mfc="w", ms=4)
 
 
-def response_picture(folder: Path, family: str, title: str) -> Figure:
-    """Draw the amplitudes of the clamped beam over the frequency; `title` names the family."""
+def response_picture(
+    folder: Path, family: str, title: str, amplitude: str = "amplitude_y_m"
+) -> Figure:
+    """Draw the amplitudes of a body over the frequency; `title` names the family."""
     figure, axes = plt.subplots(figsize=(4.4, 2.6), layout="constrained")
-    draw_response(axes, folder, ("amplitude_y_m", 1e3), "frequency_Hz", family)
+    draw_response(axes, folder, (amplitude, 1e3), "frequency_Hz", family)
     axes.set(xlabel="frequency, Hz", ylabel="amplitude, mm")
     axes.legend(fontsize=7, title=title, title_fontsize=7)
     return figure
@@ -547,6 +550,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         figures["shaker_2d"] = response_picture(
             runs / "shaker_2d", "loads.0.support_acceleration_m/s2", "supports, m/s²"
+        )
+        figures["disk_shrouds"] = response_picture(
+            runs / "disk_shrouds", "contacts.0.friction", "friction", "probe_amplitude_x_m"
         )
         figures["backbone_2d"] = backbone_picture(runs / "backbone_2d")
         figures["arch_snap"] = path_picture(runs / "arch_snap")
