@@ -109,11 +109,15 @@ def atomic_folder(path: str | Path, comm: Any = None) -> Iterator[Path]:
 
 
 @contextmanager
-def locked_folder(path: Path) -> Iterator[bool]:
+def locked_folder(path: Path, wait: bool = False) -> Iterator[bool]:
     """Hold a folder for this process until the body ends; the lock leaves no file behind.
 
     The operating system releases the lock of a process that dies. Systems without `fcntl`, such as
     Windows, have no lock.
+
+    Args:
+        path: the folder.
+        wait: wait while another process holds it.
 
     Yields:
         Whether the folder is held; False if another process holds it.
@@ -127,7 +131,7 @@ def locked_folder(path: Path) -> Iterator[bool]:
     handle = os.open(path, os.O_RDONLY)
     try:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except OSError as error:  # file systems without locks refuse with another error
             yield error.errno not in (errno.EWOULDBLOCK, errno.EACCES)
             return

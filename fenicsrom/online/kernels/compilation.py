@@ -89,6 +89,7 @@ from numba.extending import (
     register_model,
 )
 
+from fenicsrom.files import locked_folder
 from fenicsrom.progress import add_compilation, duration
 
 ONCE = "once for this version of the program on this kind of processor"
@@ -474,6 +475,7 @@ class Compiled:
         )
         if IS_CHECKED:
             self.entry._cache._cache_file._source_stamp = digest
+        self.entry.compile = _by_one_process(self.entry)
         update_wrapper(self, function)
 
     def __call__(self, *arguments: Any) -> Any:
@@ -496,6 +498,18 @@ class Compiled:
     def _numba_type_(self) -> Any:
         """The type of the part, for numba."""
         return typeof(self.part)
+
+
+def _by_one_process(entry: Any) -> Callable[[Any], Any]:
+    """The method `compile` of an entry for one process at a time: others load what it stored."""
+    compile_it, folder = entry.compile, Path(entry.stats.cache_path)
+
+    def compile_alone(signature: Any) -> Any:
+        folder.mkdir(parents=True, exist_ok=True)
+        with locked_folder(folder, wait=True):
+            return compile_it(signature)
+
+    return compile_alone
 
 
 def _entry(function: Callable[..., Any], name: str, part: Any) -> Any:
