@@ -114,7 +114,7 @@ def keys_of(scene: Scene) -> tuple[str, str, str] | None:
     Raises:
         OSError: the mesh file cannot be read.
     """
-    mesh = store.mesh_digest(scene.geometry.mesh)
+    mesh = store.mesh_digest(scene.geometry.files)
     if mesh is None:
         return None
     modes = modes_table(scene)

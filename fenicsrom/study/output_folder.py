@@ -161,7 +161,7 @@ def _make_room(
     if record is None and (folder / SCENE_FILE).exists():
         reason = f"it holds a {SCENE_FILE}, which the run would replace; choose another folder"
         raise _refused(folder, reason)
-    given = (Path(scene.source), scene.geometry.mesh, origin.model, origin.resume)
+    given = (Path(scene.source), *scene.geometry.files, origin.model, origin.resume)
     read = [path.resolve() for path in given if path is not None]
     inputs = {
         path.name
@@ -212,15 +212,18 @@ def _has_same_scene(folder: Path, record: dict[str, Any], scene: Scene) -> bool:
 
     try:
         found = tomllib.loads((folder / SCENE_FILE).read_text(encoding="utf-8"))
-        found["geometry"].pop("mesh")
+        found["geometry"] = {**found["geometry"], "mesh": None, "also": []}
     except (OSError, ValueError, KeyError, AttributeError, RecursionError):  # edited by the user
         return False
-    wanted, mesh = scene_table(scene), scene.geometry.mesh
-    wanted["geometry"].pop("mesh")
+    wanted, files = scene_table(scene), scene.geometry.files
+    wanted["geometry"] |= {"mesh": None, "also": []}
     for table in (found, wanted):
         table.pop("title", None)
-    known = record["mesh"]
-    same_mesh = known is None or not mesh.is_file() or known["sha256"] == checksum(mesh)
+    known = [record["mesh"], *(record.get("also") or ())]
+    same_mesh = len(known) == len(files) and all(
+        kept is None or not file.is_file() or kept["sha256"] == checksum(file)
+        for kept, file in zip(known, files, strict=True)
+    )
     return bool(found == wanted) and same_mesh
 
 
@@ -232,6 +235,7 @@ def _earlier_results(folder: Path, record: dict[str, Any] | None) -> list[str]:
         return []
     named, found = record["results"] or [], _stamps(folder)
     kept = [record[key] for key in ("mesh", "model") if record[key]]
+    kept += filter(None, record.get("also") or ())
     sums = {one["copy"]: one["sha256"] for one in kept if one.get("copy") in named}
     copies = [
         name

@@ -84,7 +84,8 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
     reduction, terms = elastic_reason(scene), reduction_parts(scene)
     without = "without contact (of bodies that touch: closed points stuck), and all points stuck"
     stuck = Stage("contact frequencies", True, without, building.contact_frequencies)
-    file, degree = f"{geometry.mesh.name}, {geometry.dimension}D", geometry.degree
+    names = ", ".join(file.name for file in geometry.files)
+    file, degree = f"{names}, {geometry.dimension}D", geometry.degree
     elements, finer = f"elements of degree {degree}", f"elements of degree {degree + 1}"
     parts = building.solid, building.modes
     solid, modes = (partial(part, modes_only=modes_only) for part in parts)

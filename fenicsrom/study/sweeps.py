@@ -186,8 +186,9 @@ def _assign_models(
             (path for path, made in models.items() if shares_model(made, scene)), None
         )
         if path is None:
-            mesh = scene.geometry.mesh
-            origin = digest_of(scene, file_digest(mesh) if mesh.is_file() else str(mesh))
+            files = scene.geometry.files
+            inputs = [file_digest(one) if one.is_file() else str(one) for one in files]
+            origin = digest_of(scene, " ".join(inputs))
             path = folder / MODELS / f"{origin[:16]}.npz"
             models[path], origins[path] = scene, origin
         runs.append(SweepRun(number, scene, path, digest_of(scene, origins[path])))

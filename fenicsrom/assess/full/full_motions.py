@@ -491,7 +491,7 @@ def cache_key(scene: Scene, name: str = "full") -> str | None:
     table = scene_table(scene)
     for key in {"title", "basis", "reference", "output", "compare"} - {*DEPENDS[name]}:
         table.pop(key, None)
-    mesh = table["geometry"]["mesh"] = store.mesh_digest(scene.geometry.mesh)
+    mesh = table["geometry"]["mesh"] = store.mesh_digest(scene.geometry.files)
     return None if mesh is None else store.key_of([name, table])
 
 

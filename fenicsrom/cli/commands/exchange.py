@@ -70,7 +70,7 @@ def _export_scene(options: argparse.Namespace) -> int:
 
     scene = read_scene(options.model, options.overrides, unloaded=True)
     name = options.output or f"{Path(options.model).stem}.inp"
-    path = target(name, options.model, scene.geometry.mesh)
+    path = target(name, options.model, *scene.geometry.files)
     deck = scene_deck(scene, frequencies=options.frequencies)
     write_deck(path, deck)
     print_results(scene, "", deck.notes, [f"Now run: ccx {path.with_suffix('')}"], [path])

@@ -190,6 +190,89 @@ def load_file(gmsh: Any, geometry: Geometry) -> Loaded:
     return loaded
 
 
+def load_files(gmsh: Any, geometry: Geometry) -> Loaded:
+    """Read the files and put their bodies, which share no node, into one model.
+
+    Raises:
+        SceneError: as `load_file`; or groups of two files have one name.
+    """
+    if not geometry.also:
+        return load_file(gmsh, geometry)
+    parts, warnings, glued = [], [], set[str]()
+    for path in geometry.files:
+        before = f"{path.stem}." if path in geometry.also else ""
+        own = _part(geometry, path, before)
+        loaded = load_file(gmsh, own)
+        file = mesh_of_model(gmsh, loaded.node_sets)
+        points = file.points * own.scale / geometry.scale
+        parts.append(_named(replace(file, points=points), before, own.dimension))
+        warnings += loaded.warnings
+        glued |= {before + name for name in loaded.glued}
+        gmsh.model.remove()
+    whole = _add_mesh(gmsh, str(geometry.mesh), formats.divided(_together(geometry, parts)))
+    return replace(whole, warnings=(*warnings, *whole.warnings), glued=glued)
+
+
+def _part(geometry: Geometry, path: Path, before: str) -> Geometry:
+    """What the geometry says of one file, with the names of groups in this file."""
+    others = tuple(f"{file.stem}." for file in geometry.also)
+
+    def names(given: tuple[str, ...]) -> tuple[str, ...]:
+        if before:
+            return tuple(name.removeprefix(before) for name in given if name.startswith(before))
+        return tuple(name for name in given if not name.startswith(others))
+
+    apart = tuple(pair for pair in map(names, geometry.apart) if len(pair) == 2)
+    glue, near = geometry.glue, geometry.meshing.near or ()
+    near = tuple(replace(one, group=names((one.group,))[0]) for one in near if names((one.group,)))
+    if isinstance(glue, tuple):
+        glue = tuple(filter(None, map(names, glue)))
+    found = replace(geometry, mesh=path, also=(), glue=glue, apart=apart)
+    found = replace(found, meshing=replace(geometry.meshing, near=near))
+    if not found.has_mesh:
+        found = replace(found, scale=1.0)
+    return replace(found, cells=None, parameters={}) if before else found
+
+
+def _named(file: MeshFile, before: str, dimension: int) -> MeshFile:
+    """The file with its solid and its groups only; a text before their names marks its cells."""
+    solid = any("solid" in block.groups for block in file.blocks)
+    blocks = []
+    for block in file.blocks:
+        if block.shape.dimension == dimension:
+            kept = block.groups.get("solid", np.full(len(block.nodes), not solid))
+            groups = {name: marks[kept] for name, marks in block.groups.items() if name != "solid"}
+            block = replace(block, nodes=block.nodes[kept], groups=groups)
+            if before:
+                groups[""] = np.ones(len(block.nodes), dtype=bool)
+        elif not block.groups:
+            continue
+        groups = {(before + name).rstrip("."): marks for name, marks in block.groups.items()}
+        blocks.append(replace(block, groups=groups))
+    sets = {before + name: nodes for name, nodes in file.node_groups.items()}
+    return replace(file, blocks=tuple(blocks), node_groups=sets)
+
+
+def _together(geometry: Geometry, files: list[MeshFile]) -> MeshFile:
+    """The bodies of several files, with the number of nodes before each file added to its nodes.
+
+    Raises:
+        SceneError: groups of two files have one name.
+    """
+    starts = np.cumsum([0, *(len(file.points) for file in files)])
+    blocks, sets, taken = [], {}, set[str]()
+    for start, path, file in zip(starts, geometry.files, files, strict=False):
+        own = {name for block in file.blocks for name in block.groups} | file.node_groups.keys()
+        if both := sorted(taken & own):
+            reason = f"has a group of the name {both[0]}, which another file has; rename the file"
+            raise refuse(path, reason, ErrorKind.MESH, "geometry.also")
+        taken |= own
+        blocks += [replace(block, nodes=block.nodes + start) for block in file.blocks]
+        sets |= {name: nodes + start for name, nodes in file.node_groups.items()}
+    points = np.concatenate([file.points for file in files])
+    return MeshFile(points, tuple(blocks), sets)
+
+
 def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
     """Read the file into a new model of gmsh, without meshing a geometry.
 
@@ -304,8 +387,8 @@ def _add_mesh(gmsh: Any, source: str, file: MeshFile) -> Loaded:
     return Loaded(sets, tuple(warnings), file.physics)
 
 
-def mesh_of_model(gmsh: Any) -> MeshFile:
-    """The mesh and the physical groups of the current model of gmsh."""
+def mesh_of_model(gmsh: Any, sets: dict[str, Ints] | None = None) -> MeshFile:
+    """The mesh, the physical groups and the node sets of the current model of gmsh."""
     numbers, points = model_nodes(gmsh)
     blocks = []
     for d, entity in gmsh.model.getEntities():
@@ -315,7 +398,8 @@ def mesh_of_model(gmsh: Any) -> MeshFile:
             rows = np.searchsorted(numbers, nodes.reshape(len(elements), -1))
             groups = {name: np.ones(len(rows), dtype=bool) for name in names}
             blocks.append(Block(int(kind), rows, groups))
-    return MeshFile(points, tuple(blocks))
+    groups = {name: np.searchsorted(numbers, nodes) for name, nodes in (sets or {}).items()}
+    return MeshFile(points, tuple(blocks), groups)
 
 
 def _has_serendipity_cells(gmsh: Any) -> bool:

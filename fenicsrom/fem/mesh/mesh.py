@@ -21,7 +21,7 @@ from mpi4py import MPI
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.base import compat
 from fenicsrom.fem.base.forms import compiled_form
-from fenicsrom.fem.mesh.gmsh_files import load_file, open_gmsh
+from fenicsrom.fem.mesh.gmsh_files import load_files, open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
 from fenicsrom.fem.mesh.sector import Sector
 from fenicsrom.scene import Geometry, Region
@@ -469,7 +469,7 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
 
         def draft() -> tuple[CleanModel, Any]:
             gmsh = stack.enter_context(open_gmsh())
-            loaded = load_file(gmsh, geometry)
+            loaded = load_files(gmsh, geometry)
             clean = clean_model(gmsh, geometry, loaded.node_sets)
             warnings = (*loaded.warnings, *clean.warnings)
             return replace(clean, warnings=warnings, glued=loaded.glued), gmsh.model

@@ -147,8 +147,9 @@ def _with_allowed(made: Scene, wanted: Scene) -> Scene:
     basis = replace(basis, accuracy=made.basis.accuracy, size=made.basis.size)
     if basis.modes == "auto":  # a stored model keeps its modes
         basis = replace(basis, modes=made.basis.modes)
-    if geometry.mesh.name == made.geometry.mesh.name:
-        geometry = replace(geometry, mesh=made.geometry.mesh)
+    names = [[file.name for file in one.files] for one in (geometry, made.geometry)]
+    if names[0] == names[1]:
+        geometry = replace(geometry, mesh=made.geometry.mesh, also=made.geometry.also)
     material = replace(wanted.material, mass_damping=made.material.mass_damping)
     found = replace(wanted, basis=basis, geometry=geometry, material=material)
     if made.cyclic is not None and wanted.cyclic is not None:

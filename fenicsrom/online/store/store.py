@@ -27,7 +27,7 @@ import os
 import re
 import time
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
@@ -223,14 +223,16 @@ def cache_folder() -> Path | None:
     return Path(given)
 
 
-def mesh_digest(mesh: Path) -> str | None:
-    """A hash of the content of a mesh file; None if the mesh depends on other files.
+def mesh_digest(files: Iterable[Path]) -> str | None:
+    """A hash of the content of mesh files; None if the mesh depends on other files.
 
     Raises:
-        OSError: the file cannot be read.
+        OSError: a file cannot be read.
     """
-    content = mesh.read_bytes()
-    return None if reads_other_files(content) else hashlib.sha256(content).hexdigest()
+    contents = [file.read_bytes() for file in files]
+    if any(map(reads_other_files, contents)):
+        return None
+    return " ".join(hashlib.sha256(content).hexdigest() for content in contents)
 
 
 def key_of(table: Any) -> str:

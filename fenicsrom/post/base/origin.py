@@ -85,7 +85,7 @@ RESULTS = (
 ENTRIES: dict[str, type | tuple[type, ...]] = {
     **dict.fromkeys(("state", "command", "working_folder", "began", "scene", "repeat"), str),
     **dict.fromkeys(("mesh", "model", "resumed_from"), (dict, type(None))),
-    **dict.fromkeys(("results", "task"), (list, type(None))),
+    **dict.fromkeys(("results", "task", "also"), (list, type(None))),
     **{"ranks": int, "versions": dict, "overrides": list},
 }
 """The entries of a record that the program reads, and their types."""
@@ -141,7 +141,8 @@ def write_origin(
         OSError: a file cannot be written.
     """
     before = {path.name for path in folder.iterdir()} - set(own)
-    mesh = None if origin.model is not None else _keep_mesh(scene.geometry.mesh, folder)
+    files = scene.geometry.files if origin.model is None else ()
+    mesh, *also = [_keep_mesh(file, folder) for file in files] or [None]
     model = _keep_model(origin.model, folder)
     inputs = _input_words(origin, model, folder)
     record: dict[str, Any] = {
@@ -157,15 +158,21 @@ def write_origin(
         "units": units_sentence(scene) or None,
         "overrides": list(origin.overrides),
         "mesh": mesh,
+        "also": also,
         "model": model,
         "resumed_from": _named(origin.resume),
         "repeat": shlex.join(["fenicsrom", origin.task[0], SCENE_FILE, *origin.task[1:], *inputs]),
         "task": list(origin.task),
-        "results": [name for name in _copies(mesh, model) if name not in before],
+        "results": [name for name in _copies(mesh, model, *also) if name not in before],
     }
     table = scene_table(scene)
     if mesh is not None and mesh["copy"]:
         table["geometry"]["mesh"] = mesh["copy"]
+    if also:
+        pairs = zip(also, scene.geometry.also, strict=True)
+        table["geometry"]["also"] = [  # the name of a file begins those of its groups
+            one.name if kept and kept["copy"] == one.name else str(one) for kept, one in pairs
+        ]
     write_summary(folder / RECORD, record)
     write_text(folder / SCENE_FILE, _comments(record, scene.units) + toml_text(table))
     return record
@@ -187,7 +194,8 @@ def read_record(folder: Path) -> dict[str, Any] | None:
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if not all(isinstance(record.get(name), kind) for name, kind in ENTRIES.items()):
             raise TypeError
-        names = [*(record["results"] or ()), *_copies(record["mesh"], record["model"])]
+        inputs = record["mesh"], record["model"], *(record.get("also") or ())
+        names = [*(record["results"] or ()), *_copies(*inputs)]
         _items({**record, "commit": record.get("commit")})
     except (OSError, ValueError, RecursionError, LookupError, TypeError, AttributeError):
         raise refuse(path, f"is damaged{ANOTHER}") from None
@@ -237,6 +245,7 @@ def _items(record: Mapping[str, Any]) -> list[list[str]]:
         *([["units", record["units"].removeprefix("units: ")]] if record.get("units") else []),
         *[["override", override] for override in record["overrides"]],
         *[[name, _file_words(record[key])] for name, key in _INPUTS if record[key]],
+        *[["mesh", _file_words(one)] for one in record.get("also") or () if one],
         ["to repeat", f"{record['repeat']} (in this folder)"],
     ]
 

@@ -351,7 +351,11 @@ def _geometry_problems(geometry: Geometry) -> Problems:
         yield Problem("geometry.thickness", "must be a number above 0 in 2D")
     if is_step and geometry.size is None:
         yield Problem("geometry.size", "must be the cell size in m for a .step file")
-    is_mesh = not is_step and suffix.lower() != ".geo"
+    for k, path in enumerate(geometry.also):
+        if path.suffix.lower() == ".geo":
+            yield Problem(f"geometry.also[{k}]", "must be a mesh file that gmsh makes of it")
+        if path.stem in [other.stem for other in geometry.files[: k + 1]]:
+            yield Problem(f"geometry.also[{k}]", "files must have different names")
     keys = {
         "thickness": (plane, "in 2D"),
         "plane": (plane, "in 2D"),
@@ -360,7 +364,7 @@ def _geometry_problems(geometry: Geometry) -> Problems:
         "size": (is_step, "if mesh is a .step file"),
         "meshing": (is_step, "if mesh is a .step file"),
         "glue": (is_step, "if mesh is a .step file: the other files say which bodies share nodes"),
-        "scale": (is_mesh, f"if mesh is a mesh file, not for a {suffix} file"),
+        "scale": (geometry.has_mesh, f"if mesh is a mesh file, not for a {suffix} file"),
     }
     usual = Geometry(mesh=geometry.mesh, dimension=geometry.dimension)
     for name, (allowed, where) in keys.items():

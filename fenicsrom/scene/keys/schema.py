@@ -35,6 +35,9 @@ from fenicsrom.scene.keys.times import SCHEMES, Duration, Time
 from fenicsrom.scene.keys.unit_system import Units
 from fenicsrom.words import brief
 
+CAD = (".step", ".stp")
+"""Suffixes of CAD files."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Geometry:
@@ -42,6 +45,8 @@ class Geometry:
 
     Attributes:
         mesh: mesh, .geo or .step file, relative to the scene file; or a mesh of the program.
+        also: more mesh or .step files with bodies. Their groups have the name of the file before
+            their own, such as `pin.3` of pin.step; `pin` are its cells.
         dimension: dimension of space.
         cells: cells for a .geo or .step file: quadrilaterals and hexahedra ("structured", default
             of .geo) or triangles and tetrahedra ("simplex"). A structured .step needs bodies of six
@@ -61,6 +66,7 @@ class Geometry:
 
     mesh: Annotated[Path, rules.path]
     dimension: Annotated[int, choice(2, 3)]
+    also: Annotated[tuple[Path, ...], list_of(rules.path, 0)] = ()
     cells: Annotated[str | None, choice("structured", "simplex")] = None
     degree: Annotated[int, choice(1, 2)] = 2
     thickness: Annotated[float | None, number(above=0.0, unit="m")] = None
@@ -78,9 +84,19 @@ class Geometry:
     apart: tuple[tuple[str, str], ...] = ()
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """The files of the mesh."""
+        return self.mesh, *self.also
+
+    @property
     def is_cad(self) -> bool:
-        """Whether the body comes from a CAD file, which is meshed here."""
-        return self.mesh.suffix.lower() in (".step", ".stp")
+        """Whether bodies come from a CAD file, which is meshed here."""
+        return any(file.suffix.lower() in CAD for file in self.files)
+
+    @property
+    def has_mesh(self) -> bool:
+        """Whether bodies come from a mesh file, which has a unit of length."""
+        return any(file.suffix.lower() not in (*CAD, ".geo") for file in self.files)
 
 
 METHODS = ("rubin", "craig-bampton")

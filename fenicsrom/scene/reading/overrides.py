@@ -365,7 +365,7 @@ def scene_in_si(table: Mapping[str, Any], scene: Scene, units: Units) -> dict[st
     found = table_in_si(table, Scene, units)
     found["units"] = {**found["units"], "si": True}
     geometry = scene.geometry
-    if not geometry.is_cad and geometry.mesh.suffix.lower() != ".geo":
+    if geometry.has_mesh:
         found["geometry"] = {**found["geometry"], "scale": units.in_si(geometry.scale, "m")}
     response = scene.response
     if response is not None:

@@ -347,7 +347,12 @@ def _complete_geometry(scene: Scene, folder: Path | None) -> Geometry:
     geometry = scene.geometry
     if folder is not None:
         where = Where(scene.source, "geometry.mesh")
-        geometry = replace(geometry, mesh=_find_mesh(geometry.mesh, folder, where))
+        also = (
+            _find_mesh(path, folder, Where(scene.source, f"geometry.also[{k}]"))
+            for k, path in enumerate(geometry.also)
+        )
+        mesh = _find_mesh(geometry.mesh, folder, where)
+        geometry = replace(geometry, mesh=mesh, also=tuple(also))
     if geometry.mesh.suffix == ".geo" and geometry.cells is None:
         geometry = replace(geometry, cells="structured")
     if geometry.dimension == 2 and geometry.plane is None:
