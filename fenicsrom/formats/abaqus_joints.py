@@ -6,15 +6,12 @@ from dataclasses import dataclass, field, replace
 from fenicsrom.formats.abaqus_couplings import NodesOf
 from fenicsrom.formats.abaqus_sets import Keyword
 from fenicsrom.formats.collector import Collector
-from fenicsrom.formats.mesh_file import DeckJoint
+from fenicsrom.formats.mesh_file import NEVER_SLIPS, DeckJoint
 
 KEYWORDS = (
     *("TIE", "CONTACT PAIR", "SURFACE INTERACTION", "SURFACE BEHAVIOR", "FRICTION"),
     "PRE-TENSION SECTION",
 )
-
-NEVER_SLIPS = 1e3
-"""The coefficient of friction that stands for *FRICTION, ROUGH."""
 
 CYCLIC = {"CYCLIC SYMMETRY", "MULTISTAGE"}
 """Parameters of *TIE that join the cut faces of a sector."""

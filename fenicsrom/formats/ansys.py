@@ -14,7 +14,15 @@ import numpy as np
 from fenicsrom.errors import refuse
 from fenicsrom.formats.cells import with_middles
 from fenicsrom.formats.collector import Collector, numbers_between, read_lines
-from fenicsrom.formats.mesh_file import Block, DeckLoad, Ints, MeshFile, axes_of
+from fenicsrom.formats.mesh_file import (
+    NEVER_SLIPS,
+    Block,
+    DeckJoint,
+    DeckLoad,
+    Ints,
+    MeshFile,
+    axes_of,
+)
 from fenicsrom.formats.reasons import said
 from fenicsrom.formats.shapes import from_vtk
 from fenicsrom.words import counted
@@ -30,6 +38,12 @@ PLANES = {42, 182, 82, 183, 2, 25, 63, 181, 281, 93, 43, 143, 152, 154, 200}
 
 CONTACT = range(169, 179)
 """Numbers of element types of contact pairs, by which remote points act as well."""
+
+SURFACES = {170: "target", 173: "contact", 174: "contact"}
+"""Element types on the two surfaces of a contact pair, which one set of real constants joins."""
+
+BONDED, ROUGH, NO_SEPARATION = {3, 5, 6}, {1}, {2, 4}
+"""KEYOPT(12) of contacts that are tied, that never slip, and that never part."""
 
 COMPONENTS = {name: k for k, name in enumerate(("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ"))}
 """Components (0 to 5) by their labels."""
@@ -240,11 +254,13 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
         if number in SOLIDS and len(nodes) not in allowed:
             reason = f"has {counted(len(nodes), 'node')}; the file may be damaged"
             raise refuse(path, f"element {label} of type {number} {reason}")
-        kind, own = _shape(number, nodes)
+        kind, own = _shape(154 if number in SURFACES else number, nodes)
         if kind:
-            found.setdefault((kind, f"type {number}"), []).append((label, own))
+            of = f" {archive.reals[label]}" if number in SURFACES else ""
+            found.setdefault((kind, f"type {number}{of}"), []).append((label, own))
         else:
             contact = " (contact or remote point)" if number in CONTACT else ""
+            contact = " (pre-tension: give [[bolts]])" if number == 179 else contact
             left[f"type {number}{contact} element"] += 1
     points = np.array(list(archive.nodes.values()), dtype=np.float64)
     blocks = []
@@ -253,7 +269,9 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
             raise refuse(path, f"an element refers to node {min(missing)}, not in the file")
         rows = np.array([[numbers.get(node, -1) for node in row] for _, row in entries])
         labels = np.array([label for label, _ in entries])
-        blocks.append(Block(kind, from_vtk(kind, rows), {}, name, labels))
+        _, number, *real = name.split()
+        groups = {f"{SURFACES[int(number)]} {real[0]}": np.full(len(rows), True)} if real else {}
+        blocks.append(Block(kind, from_vtk(kind, rows), groups, name, labels))
     node_groups: dict[str, Ints] = {}
     for name, (what, members) in archive.components.items():
         if what.startswith("NODE"):
@@ -277,7 +295,7 @@ def _material(archive: Archive, words: list[str]) -> None:
     """Read MP, name, number, value, or MPDATA, R5.0, 1, name, number, first, values."""
     is_table = words[0].upper() == "MPDATA"  # values at temperatures
     name, number, value, *more = words[3:5] + words[6:] if is_table else words[1:4]
-    key = {"EX": "E", "NUXY": "nu", "PRXY": "nu", "DENS": "rho"}.get(name.upper())
+    key = {"EX": "E", "NUXY": "nu", "PRXY": "nu", "DENS": "rho", "MU": "mu"}.get(name.upper())
     if key is None or {float(word) for word in more if word} - {float(value)}:
         archive.other[f"MP,{name.upper()}"] += 1
     else:
@@ -333,10 +351,46 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
             ends = [numbers.get(node, -1) for node in nodes]
             if damping or not found.spring(ends, [component] * len(ends), stiffness):
                 found.leave("springs (type 14) but those along x, y or z to a held node")
+    _joints(archive, mesh, found)
     if any(archive.acceleration):  # ANSYS gives that of the frame: the body is pressed against it
         vector = tuple(-value for value in archive.acceleration)
         found.others.append(DeckLoad("acceleration", vector))
     return found.finished(mesh)
+
+
+def _joints(archive: Archive, mesh: MeshFile, found: Collector) -> None:
+    """Take the contact pairs; of a symmetric pair its first half."""
+    nodes: dict[str, set[int]] = {}
+    for block in mesh.blocks:
+        for name in block.groups if block.name.count(" ") == 2 else ():
+            nodes.setdefault(name, set()).update(block.nodes[:, : block.shape.corners].ravel())
+    taken: list[tuple[set[int], set[int]]] = []
+    sides = [(SURFACES.get(archive.types.get(t, 0)), n, t) for n, t, _ in archive.elements]
+    laws = {archive.reals[n]: (n, t) for side, n, t in sides if side == "contact"}
+    for real, (label, type_) in laws.items():
+        pair = f"contact {real}", f"target {real}"
+        if not set(pair) <= nodes.keys():
+            found.leave(f"contact pair {real} without facets on both sides, as of a remote point")
+            continue
+        ends = nodes[pair[0]], nodes[pair[1]]
+        if ends[::-1] in taken:
+            continue
+        taken.append(ends)
+        options, constants = archive.options.get(type_, {}), archive.real_constants.get(real, [])
+        behaviour = options.get(12, 0)
+        if behaviour in NO_SEPARATION:
+            found.leave(f"no separation of the contact pair {real}: the surfaces can part")
+        friction = archive.constants.get(archive.materials[label], {}).get("mu", 0.0)
+        stiffness = constants[2] if len(constants) > 2 else 0.0
+        joint = DeckJoint(
+            f"contact pair {real}",
+            *pair,
+            tied=behaviour in BONDED,
+            shut=options.get(9) == 1 or options.get(5) in (1, 3),
+            friction=NEVER_SLIPS if behaviour in ROUGH else friction,
+            normal=-stiffness if stiffness < 0.0 else None,
+        )
+        found.joints.append(joint)
 
 
 def _component(archive: Archive, type_: int, nodes: list[int]) -> int:

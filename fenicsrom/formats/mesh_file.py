@@ -86,6 +86,10 @@ class DeckLoad:
     group: str | None = None
 
 
+NEVER_SLIPS = 1e3
+"""The coefficient of friction that stands for rough surfaces."""
+
+
 @dataclass(frozen=True)
 class DeckJoint:
     """A contact or a tie between two surfaces.

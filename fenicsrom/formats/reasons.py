@@ -1,12 +1,12 @@
 """Why parts of finite-element models are not read, by their names in Abaqus, Nastran and ANSYS."""
 
 _REASONS: dict[str, tuple[str, ...]] = {
-    "give [[ties]]": ("BGSET", "CEINTF"),
+    "give [[ties]]": ("BGSET", "BGADD", "BGPARM", "CEINTF"),
     "give [[contacts]] with against": (
-        *("CONTACT", "BCTABLE", "BCTSET", "BSURF", "BSURFS"),
-        *("BCONP", "BCBODY", "CGAP"),
+        *("CONTACT", "BCTABLE", "BCTSET", "BCTADD", "BCTPARM", "BSURF", "BSURFS", "BCPROP"),
+        *("BCPROPS", "BCONP", "BCBODY", "BCBODY1", "BCTABL1", "BLSEG", "BFRIC", "CGAP"),
     ),
-    "give [[bolts]]": ("BOLT", "PTSECT"),
+    "give [[bolts]]": ("BOLT", "BOLTFOR", "BOLTFRC", "PTSECT", "SLOAD"),
     "temperatures are not supported": (
         *("TEMPERATURE", "EXPANSION", "TEMP", "TEMPD", "TREF", "BF", "BFE", "MP,ALPX"),
         *("BFBLOCK", "DFLUX", "DSFLUX", "FILM", "SFILM"),

@@ -131,6 +131,51 @@ def test_surface_without_whole_facets_is_named_in_the_starter_scene(tmp_path: Pa
     assert "[[ties]]" not in text and "no whole facet lies on the surface Few" in text
 
 
+def archive(folder: Path, *more: str, symmetric: bool = False) -> MeshFile:
+    """The content of an ANSYS archive of both cubes with a contact pair of the real constants 5."""
+    high, low = [12, 13, 17, 16], [21, 24, 28, 25]
+    every = [(1, 1, 1, range(11, 19)), (1, 1, 1, range(21, 29)), (2, 2, 5, low), (2, 3, 5, high)]
+    every += [(2, 2, 6, high), (2, 3, 6, low)] if symmetric else []
+    lines = ["ET,1,185", "ET,2,174", "ET,3,170", "NBLOCK,6,SOLID", "(3i9,6e21.13e3)"]
+    lines += [
+        f"{10 + 10 * b + k:9d}{0:9d}{0:9d}{b + x:21.13E}{y:21.13E}{z:21.13E}"
+        for b in (0, 1)
+        for k, (x, y, z) in enumerate(PLACES, 1)
+    ]
+    lines += ["N,R5.3,LOC,       -1,", "EBLOCK,19,SOLID", "(19i9)"]
+    for label, (material, type_, real, nodes) in enumerate(every, 1):
+        head = (material, type_, real, 1, 0, 0, 0, 0, len(nodes), 0, label)
+        lines.append("".join(f"{n:9d}" for n in (*head, *nodes)))
+    lines += ["       -1", "MP,EX,1,2.1e5", "MP,PRXY,1,0", "MP,MU,2,0.25", *more]
+    (folder / "cubes.cdb").write_text("\n".join([*lines, ""]))
+    return formats.read(folder / "cubes.cdb")
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        ([], {"friction": 0.25}),
+        (["R,5,0,0,-1e5,0.1", "KEYOPT,2,9,1"], {"friction": 0.25, "normal": 1e5, "shut": True}),
+        (["KEYOPT,2,12,5"], {"friction": 0.25, "tied": True}),
+        (["KEYOPT,2,12,1"], {"friction": 1e3}),
+    ],
+)
+def test_archive_gives_contact_pairs(more: list[str], expected: dict, tmp_path: Path) -> None:
+    for symmetric in (False, True):
+        mesh = archive(tmp_path, *more, symmetric=symmetric)
+        (joint,) = mesh.physics.joints
+        named = {"tied": False} | expected
+        assert joint == DeckJoint("contact pair 5", "contact 5", "target 5", **named)
+        assert mesh.not_read == () == mesh.physics.not_taken
+        sides = {name for block in mesh.blocks for name in block.groups}
+        assert sides >= {"contact 5", "target 5"}
+
+
+def test_pair_of_an_archive_that_never_parts_is_named(tmp_path: Path) -> None:
+    found = archive(tmp_path, "KEYOPT,2,12,4").physics
+    assert any("no separation" in what for what in found.not_taken) and found.joints
+
+
 @pytest.mark.parametrize(
     ("joints", "gives"),
     [
