@@ -96,11 +96,15 @@ def test_wave_with_friction_is_that_of_the_marched_disk(tmp_path: Path, order: i
 
 @pytest.mark.slow
 def test_wave_of_blades_that_touch_is_that_of_the_marched_disk(tmp_path: Path) -> None:
-    """Shrouds rub on those of the next sector, which moves by the lag of the wave."""
+    """Shrouds rub on those of the next sector, which moves by the lag of the wave.
+
+    The error of a step depends on where in it the points begin to stick and to slip, so that it
+    falls with the square of the step on average only: 4e-3, 1.4e-3, 2.2e-4 for 48, 96, 192 steps.
+    """
     scene = touching(tmp_path, shrouded(), order=2, damping={"stiffness": 2e-3})
     sector = sector_of(scene)
-    found, moved = balanced(sector, scene), marched(sector, scene, 96)[0][0]
-    assert abs(moved - found.amplitude[0]).max() < 2e-3 * moved.max()
+    found, moved = balanced(sector, scene), marched(sector, scene, 192)[0][0]
+    assert abs(moved - found.amplitude[0]).max() < 2.5e-4 * moved.max()
     assert np.all(found.states & 2)  # all slip
 
 
