@@ -2,54 +2,40 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from fenicsrom.online.step.step import contact_decrement, has_converged
+from fenicsrom.online.step.step import contact_work, has_converged
 
 
-def iterations(
-    decrements: list[float], quadratic: bool, energy: float = 1.0, rounding: float = 0.0
-) -> int:
-    """The iteration at which a sequence of decrements ends."""
+def iterations(decrements: list[float], quadratic: bool, tolerance: float = 1e-14) -> int:
+    """The iteration at which a sequence of decrements of an energy of 1 J ends."""
     last = 0.0
     for k, decrement in enumerate(decrements, start=1):
-        if has_converged(decrement, last, k, energy, rounding, quadratic):
+        if has_converged(decrement, last, k, 1.0, tolerance, quadratic):
             return k
         last = decrement
     return 0
 
 
-def test_bodies_that_bolts_press_together_leave_the_rounding_of_their_free_displacements() -> None:
-    """8 kN carry a displacement of 1.6 µm; without contact forces it would be 3.3 mm."""
-    here = np.array([[1.6e-6, 0.0]])
-    scratch = SimpleNamespace(space=(0, 0), mean_force=np.array([[8e3, 0.0]]))
-    trial = SimpleNamespace(
-        contact=SimpleNamespace(x=here),
-        scratch=scratch,
-        displacement_before=here - np.array([[1e-12, 0.0]]),
-        free_displacement=np.array([[3.3e-3, 0.0]]),
-    )
-    decrement, rounding = contact_decrement.py_func(-9e-9, np.array([0]), trial)
-    assert decrement == pytest.approx(1e-9)  # 8 kN over 1 pm less 9 nJ
-    assert rounding == pytest.approx(8e3 * 3.3e-3 * 1e-15, rel=1e-9, abs=0.0)
-    trial.free_displacement = here
-    _, rounding = contact_decrement.py_func(0.0, np.array([0]), trial)
-    assert rounding == pytest.approx(8e3 * 1.6e-6 * 1e-14, rel=1e-9, abs=0.0)
-
-
-def test_decrement_below_the_rounding_of_the_contact_forces_ends_where_it_stays() -> None:
-    """Otherwise it wanders until the step fails."""
-    wandering = [1e-6, 5e-15, 4e-15, 6e-15]
-    assert iterations(wandering, quadratic=False, energy=1e-2, rounding=3e-14) == 3
-    assert iterations(wandering, quadratic=False, energy=1e-2) == 0
-
-
 def test_linear_convergence_ends_where_the_next_decrement_is_small() -> None:
     """The error falls to 1e-2 in each iteration, its square to 1e-4; 1e-14 of it is enough."""
     assert iterations([0.5 * 10.0 ** (-4 * k) for k in range(12)], quadratic=False) == 7
+    powers = [0.5 * 10.0 ** (-4 * k) for k in range(12)]
+    assert iterations(powers, quadratic=False, tolerance=1e-11) == 6
+
+
+def test_small_decrement_that_stays_is_rounding() -> None:
+    """Otherwise it wanders until the step fails."""
+    assert iterations([1e-6, 5e-15, 4e-15, 6e-15], quadratic=False) == 3
+    assert iterations([1e-6, 5e-12, 4e-12, 6e-12], quadratic=False) == 0
+
+
+def test_contact_forces_work_on_the_change_of_the_iteration() -> None:
+    """8 kN over 1 pm; the points that are no candidates do not count."""
+    force, moved = np.array([[8e3, 0.0], [1.0, 1.0]]), np.array([1e-12, 0.0, 1.0, 1.0])
+    found = contact_work.py_func(force, moved, np.array([0]))
+    assert found == pytest.approx(8e-9, rel=1e-15)
 
 
 def test_quadratic_convergence_ends_one_iteration_before() -> None:

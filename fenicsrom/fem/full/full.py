@@ -36,14 +36,15 @@ _SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
-CONTRACTION = 0.25
-"""Largest ratio of two changes in a time step with one factor.
+LONG, LONG_WITHOUT_CONTACT = 4, 7
+"""Iterations of a step after which the next step makes a new factor.
 
-A factorisation with its tangent takes as long as about ten iterations. The decrement then falls by
-more than the factor of ten by which `fenicsrom.online.step.step` recognises rounding.
+The tangent moves with the motion. With the factor of the same step the decrement falls by ten
+digits in an iteration, with that of some steps before by three. A factorisation takes as long as
+ten iterations or more.
 """
 
-PATIENCE = 10
+PATIENCE = 8
 """Iterations of a step, of at most fifteen, before each one makes its own factor."""
 
 
@@ -80,36 +81,30 @@ class _Effective:
 
 
 class _Progress:
-    """The iteration of a time step: how fast its changes become smaller.
+    """The iteration of a time step.
 
     Attributes:
-        is_slow: whether the last change is too large after the one before.
+        iteration: its number, from 1.
+        was_long: whether the last step needed many iterations.
         renewals: number of factorisations in this step.
     """
 
-    @property
-    def is_first(self) -> bool:
-        """Whether this is the first iteration of the step."""
-        return self._iteration == 1
-
     def __init__(self, solid: Solid):
-        self._comm, self._dot = solid.comm, solid.dot
-        self._start, self._dq = np.zeros(0), np.zeros(0)
-        self._change, self._iteration = np.inf, 0
-        self.is_slow, self.renewals = False, 0
+        self._comm, self._start = solid.comm, np.zeros(0)
+        self._most = LONG if solid.contact_rows.shape[0] else LONG_WITHOUT_CONTACT
+        self.iteration, self.renewals, self.was_long = 0, 0, False
 
-    def note(self, q0: Array, dq: Array) -> None:
-        """Note the iterate dq (local,) of a step that starts at q0 (local,)."""
+    def note(self, q0: Array) -> None:
+        """Note an iteration of a step that starts at q0 (local,)."""
         if not self._comm.allreduce(np.array_equal(q0, self._start), op=MPI.LAND):
-            self._start, self._change, self._iteration, self.renewals = q0.copy(), np.inf, 0, 0
-        change = np.inf
-        if self._iteration:
-            change = np.sqrt(self._dot(dq - self._dq, dq - self._dq))
-        self.is_slow = self._iteration >= PATIENCE or (
-            self._iteration > 1 and not change <= CONTRACTION * self._change
-        )
-        self._dq, self._change = dq.copy(), change
-        self._iteration += 1
+            self._start, self.was_long = q0.copy(), self.iteration > self._most
+            self.iteration, self.renewals = 0, 0
+        self.iteration += 1
+
+    @property
+    def needs_factor(self) -> bool:
+        """Whether the iteration is too slow with the factor of an earlier state."""
+        return self.was_long if self.iteration == 1 else self.iteration > PATIENCE
 
 
 class FullModel:
@@ -180,7 +175,7 @@ class FullModel:
 
         The tangent itself is assembled when it is needed.
         """
-        self._progress.note(q0, dq)
+        self._progress.note(q0)
         mean = start_weight * start
         slope: Slope = []
         for point, weight in zip(points, weights, strict=True):
@@ -213,18 +208,19 @@ class FullModel:
     ) -> tuple[Array, Array, Compliance]:
         """Solve S [y, Z] = [-residual, B] with S of `ReducedModel.solve_effective`.
 
-        In a time step, S of an earlier state serves as long as the iteration contracts with it.
+        In a time step, S of an earlier state serves as long as few iterations need it.
         """
         wanted = _Effective(mass_coefficient, velocity_coefficient, tangent)
-        first = self._progress.is_first
-        keeps = self.linear or (mass_coefficient > 0.0 and not self._progress.is_slow)
+        progress = self._progress
+        keeps = self.linear or (mass_coefficient > 0.0 and not progress.needs_factor)
         if not (keeps and self._made is not None and wanted.has_coefficients_of(self._made)):
-            exact = self.linear or first or mass_coefficient <= 0.0 or self._progress.renewals > 0
+            first = progress.iteration == 1 or mass_coefficient <= 0.0
+            exact = self.linear or first or progress.renewals > 0
             if not self._factorise(wanted, exact):  # the step is refused, as for the compiled model
                 bad = np.full((residual.size, 1 + self._rows.shape[0]), np.nan)
                 nothing = np.full((self._rows.shape[0],) * 2, np.nan)
                 return bad[:, 0], bad[:, 1:], given_compliance(nothing)
-            self._progress.renewals += 1
+            progress.renewals += 1
         assert self._factor is not None
         self._wanted = wanted
         y = self._solve(-residual[:, None])[:, 0]

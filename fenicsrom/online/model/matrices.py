@@ -307,6 +307,10 @@ class DenseModel:
         """Contact displacement (m,)."""
         return self.contact_offset + self._rows @ q
 
+    def contact_change(self, dq: Array) -> Array:
+        """Change of the contact displacement (m,) by dq (n,)."""
+        return np.asarray(self._rows @ dq)
+
     def probe_displacement(self, q: Array) -> Array:
         """Displacement (d,) of the probe."""
         return self.probe_offset + self.probe @ q

@@ -398,6 +398,13 @@ class ReducedModel(NamedTuple):
         add_times(self.contact_offset, self.contact_rows, work.contact_columns, q, work.contact)
         return work.contact
 
+    def contact_change(self, dq: Array) -> Array:
+        """Change of the contact displacement (m,) by dq, m."""
+        work = self.work
+        work.contact[:] = 0.0
+        add_times(work.contact, self.contact_rows, work.contact_columns, dq, work.contact)
+        return work.contact
+
     def probe_displacement(self, q: Array) -> Array:
         """Displacement (d,) of the probe at q, m."""
         moved = np.empty(self.probe.shape[0])
@@ -509,8 +516,8 @@ def _tidy(values: Any, integers: str = "") -> Any:
 
 OPERATIONS = (
     *("set_interval", "pressure_work", "elastic_over_step", "elastic_at", "solve_effective"),
-    *("write_normal_flexibility", "contact_displacement", "probe_displacement", "mass_times"),
-    *("velocity_times", "dot", "load", "write_momentum"),
+    *("write_normal_flexibility", "contact_displacement", "contact_change", "probe_displacement"),
+    *("mass_times", "velocity_times", "dot", "load", "write_momentum"),
 )
 """The methods that compiled code calls."""
 

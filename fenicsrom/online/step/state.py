@@ -126,7 +126,6 @@ class Trial(NamedTuple):
         external_force: (n,) mean load, N.
         vector: (n,) scratch argument of the model's operations.
         contact: the contact points at the end of the step.
-        displacement_before: (P, d) their displacement before the iteration, m.
         free_displacement: (P, d) their displacement without contact forces, m.
         scratch: scratch arrays of the contact problem; they hold the mean contact force over the
             step.
@@ -139,7 +138,6 @@ class Trial(NamedTuple):
     external_force: Annotated[Array, "n"]
     vector: Annotated[Array, "n"]
     contact: ContactState
-    displacement_before: Annotated[Array, "P d"]
     free_displacement: Annotated[Array, "P d"]
     scratch: ContactScratch
 

@@ -63,9 +63,8 @@ from fenicsrom.online.step.state import (
 )
 
 NEWTON_TOLERANCE = 1e-14
+CONTACT_TOLERANCE = 1e-10  # of a model with contact that keeps a factor: less is rounding
 NEWTON_ROUNDING = 1e-13  # part of the energy; a smaller decrement that stops decreasing is rounding
-CONTACT_ROUNDING = 1e-14  # the same, relative to contact forces times displacements
-FREE_ROUNDING = 1e-15  # the same, relative to these forces times displacements without them
 NEWTON_ITERATIONS = 15
 DIVERGENCE = 1e8  # growth of the decrement at which the iteration stops
 
@@ -144,29 +143,17 @@ def write_residual(model, scheme, state, coefficients, elastic):  # type: ignore
 
 
 @part
-def contact_decrement(decrement, candidates, trial):  # type: ignore[no-untyped-def]
-    """Newton's decrement with the work of the contact forces in the iteration added.
-
-    The displacements without contact forces and the responses to these forces cancel. Bolts make
-    both large, and their rounding errors too.
-
-    Returns:
-        Its absolute value, and the rounding error that the contact forces leave in it, J.
-    """
-    d, x, mean, rounding = len(trial.scratch.space), trial.contact.x, trial.scratch.mean_force, 0.0
-    free = trial.free_displacement
+def contact_work(force, moved, candidates):  # type: ignore[no-untyped-def]
+    """Work of the mean forces (P, d) of the candidates on displacements (P d,), J."""
+    d, work = force.shape[1], 0.0
     for p in candidates:
-        size, far = 0.0, 0.0
         for k in range(d):
-            decrement += mean[p, k] * (x[p, k] - trial.displacement_before[p, k])
-            size += abs(mean[p, k])
-            far = max(far, CONTACT_ROUNDING * abs(x[p, k]), FREE_ROUNDING * abs(free[p, k]))
-        rounding += size * far
-    return abs(decrement), rounding
+            work += force[p, k] * moved[p * d + k]
+    return work
 
 
 @also_compiled
-def has_converged(decrement, last, iteration, scale, rounding, quadratic):  # type: ignore[no-untyped-def]
+def has_converged(decrement, last, iteration, scale, tolerance, quadratic):  # type: ignore[no-untyped-def]
     """Whether the next decrement will be small, or this one is rounding.
 
     The last two decrements predict the next one: if Newton's method is exact, the error is squared
@@ -177,8 +164,8 @@ def has_converged(decrement, last, iteration, scale, rounding, quadratic):  # ty
     if iteration > 1 and decrement < 1e-3 * last:
         ratio = decrement / last
         coming = decrement * ratio**2 if quadratic else decrement * ratio
-    stays = decrement <= max(NEWTON_ROUNDING * scale, rounding) and decrement > 0.1 * last
-    return coming <= NEWTON_TOLERANCE**2 * scale or stays
+    stays = decrement <= NEWTON_ROUNDING * scale and decrement > 0.1 * last
+    return coming <= tolerance**2 * scale or stays
 
 
 @also_compiled
@@ -244,8 +231,9 @@ def iterate(model, scheme, state, step, coefficients, count):  # type: ignore[no
         Whether it converged, and the number of iterations.
     """
     trial, scratch, q0, d = state.trial, state.trial.scratch, state.q, state.contact.x.shape[1]
-    x, first, last = trial.contact.x, 0.0, 0.0
+    first, last = 0.0, 0.0
     candidates, directions = scratch.candidates[:count], scratch.directions[: count * d]
+    tolerance = NEWTON_TOLERANCE if scheme.quadratic or count == 0 else CONTACT_TOLERANCE
     for iteration in range(1, NEWTON_ITERATIONS + 1):
         elastic, tangent = model.elastic_over_step(
             state.elastic_force, q0, trial.dq, scheme.start_weight, scheme.points, scheme.weights
@@ -255,23 +243,24 @@ def iterate(model, scheme, state, step, coefficients, count):  # type: ignore[no
             coefficients.mass, coefficients.velocity_dq, tangent, trial.residual, directions
         )
         if count > 0:
-            copy_vector(trial.displacement_before, x)
             combine(trial.vector, 1.0, q0, 1.0, trial.dq, 1.0, y)
             copy_to_points(trial.free_displacement, model.contact_displacement(trial.vector))
             if not solve_contact(step, candidates, compliance, trial.free_displacement):
                 return False, iteration
         subtract_contact(trial.change, y, unit, candidates, scratch.mean_force)
         combine(trial.dq, 1.0, trial.dq, 1.0, trial.change)
-        decrement, rounding = contact_decrement(
-            model.dot(trial.residual, trial.change), candidates, trial
-        )
+        decrement = model.dot(trial.residual, trial.change)
+        if count > 0:  # of the change itself: bolts leave large rounding errors in x
+            moved = model.contact_change(trial.change)
+            decrement += contact_work(scratch.mean_force, moved, candidates)
+        decrement = abs(decrement)
         if not np.isfinite(decrement):
             return False, iteration
         if iteration == 1:
             first = decrement
         scale = max(state.scalars[ENERGY_SCALE], first)
         if scheme.linear or has_converged(
-            decrement, last, iteration, scale, rounding, scheme.quadratic
+            decrement, last, iteration, scale, tolerance, scheme.quadratic
         ):
             return True, iteration
         if decrement > DIVERGENCE * first:
