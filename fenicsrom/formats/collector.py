@@ -126,6 +126,7 @@ class Collector:
         not_taken: what a scene cannot state, each in a few words, in their order.
         lost_support: whether a support is among it.
         joints: contacts and ties between surfaces.
+        surfaces: facets of surfaces that the mesh does not hold yet, by the names of their groups.
     """
 
     constants: dict[str, dict[str, float]] = field(default_factory=lambda: defaultdict(dict))
@@ -144,6 +145,7 @@ class Collector:
     not_taken: dict[str, None] = field(default_factory=dict)
     lost_support: bool = False
     joints: list[DeckJoint] = field(default_factory=list)
+    surfaces: dict[str, list[Block]] = field(default_factory=dict)
 
     def cells_of(self, material: str, mesh: MeshFile) -> list[Marks]:
         """The marks of the cells of a material in each block, to be changed."""
@@ -220,6 +222,7 @@ class Collector:
         forces, left = forces_on(mesh.points, cells, near, groups)
         self.not_taken |= dict.fromkeys(left)
         blocks, pressures = self._pressures(groups)
+        blocks += [block for facets in self.surfaces.values() for block in facets]
         loads, plane = (*self.others, *pressures, *forces), (self.thickness, self.strain)
         held = tuple(supports), tuple(masses), tuple(springs)
         lost = tuple(self.not_taken), *plane, self.lost_support

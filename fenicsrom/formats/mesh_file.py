@@ -99,7 +99,7 @@ class DeckJoint:
         group: the group of the first surface, of facets or nodes.
         against: that of the other one.
         tied: whether it is a tie.
-        reach: largest distance of what is tied; None for the default.
+        reach: largest distance of what is joined; None for the default.
         shut: whether the file closes the gaps.
         friction: coefficient of friction.
         normal: normal stiffness per area; None for a rigid contact.

@@ -11,7 +11,7 @@ import numpy as np
 
 from fenicsrom.errors import refuse
 from fenicsrom.formats.collector import Collector, numbers_between, read_lines
-from fenicsrom.formats.mesh_file import Block, DeckLoad, Floats, Ints, MeshFile, axes_of
+from fenicsrom.formats.mesh_file import Block, DeckJoint, DeckLoad, Floats, Ints, MeshFile, axes_of
 from fenicsrom.formats.nastran_cards import Card
 from fenicsrom.formats.nastran_systems import Systems
 from fenicsrom.formats.reasons import said
@@ -24,11 +24,13 @@ _SETS = {
         *("LOAD", "FORCE", "FORCE1", "FORCE2", "MOMENT", "MOMENT1", "MOMENT2", "GRAV", "ACCEL"),
         *("ACCEL1", "RFORCE", "PLOAD", "PLOAD1", "PLOAD2", "PLOAD4", "SLOAD", "SPCD"),
     ),
+    "BCSET": ("BCTSET", "BCTADD"),
+    "BGSET": ("BGSET", "BGADD"),
 }
 SELECTED = {name: command for command, names in _SETS.items() for name in names}
 """The command of the case control that selects the sets of an entry."""
 
-COMBINED = ("SPCADD", "MPCADD", "LOAD")
+COMBINED = ("SPCADD", "MPCADD", "LOAD", "BCTADD", "BGADD")
 """Entries that combine sets."""
 
 RIGID = ("RBE2", "RBE3", "RBAR")
@@ -40,7 +42,7 @@ PARALLEL = 1e-6
 MATERIALS = ("MAT1", "MAT2", "MAT3", "MAT8", "MAT9", "MAT10", "MAT11")
 
 TAKEN = (
-    *("PSOLID", "PSHELL", "PELAS", "CONM2", "CELAS1", "CELAS2", "PARAM"),
+    *("PSOLID", "PSHELL", "PELAS", "CONM2", "CELAS1", "CELAS2", "PARAM", "BSURFS"),
     *MATERIALS,
     *RIGID,
     *SELECTED,
@@ -116,7 +118,7 @@ def with_physics(
             deck.factor = card.real(1, 1.0)
         elif card.name == "PELAS":
             deck.elastic |= {card.text(k): card.real(k + 1) for k in (0, 4) if card.text(k)}
-    for block in mesh.blocks if any(card.name == "PLOAD4" for card in cards) else ():
+    for block in mesh.blocks if any(card.name in ("PLOAD4", "BSURFS") for card in cards) else ():
         deck.rows |= {int(label): (block, k) for k, label in enumerate(np.atleast_1d(block.labels))}
     _sections(deck)
     _turned(deck)
@@ -133,7 +135,7 @@ def with_physics(
                 continue
         try:
             taken = _take(deck, card, factor)
-        except ValueError:
+        except (ValueError, KeyError):
             taken = False
         if not taken:
             left[said(card.name, card.name) + LEFT.get(card.name, "")] += 1
@@ -152,7 +154,9 @@ def _selected(deck: Deck) -> dict[str, str]:
     parts = re.split(r"^\s*SUBCASE\b", "\n".join(head), flags=re.M | re.I)
     if len(parts) > 2:
         deck.found.leave("the subcases after the first one")
-    pairs = re.findall(r"^\s*(SPC|MPC|LOAD)\s*=\s*(\d+)", "\n".join(parts[:2]), re.M | re.I)
+    pairs = re.findall(
+        r"^\s*(SPC|MPC|LOAD|BCSET|BGSET)\s*=\s*(\d+)", "\n".join(parts[:2]), re.M | re.I
+    )
     return {name.upper(): number for name, number in pairs}
 
 
@@ -173,7 +177,8 @@ def _factors(deck: Deck) -> dict[str, dict[str, float]]:
                 parts.setdefault(card.text(0), {}).update(_parts(card))
         inner = {name for of in parts.values() for name in of}
         outer = [name for name in sets if name not in inner]
-        chosen = selected.get(command, outer[0] if len(outer) == 1 else "")
+        alone = len(outer) == 1 and command not in ("BCSET", "BGSET")  # these must be selected
+        chosen = selected.get(command, outer[0] if alone else "")
         if chosen and chosen not in sets:
             deck.found.leave(f"{command} = {chosen} of the case, which is not in the file")
         total: defaultdict[str, float] = defaultdict(float)
@@ -280,6 +285,8 @@ def _take(deck: Deck, card: Card, factor: float) -> bool:
         return _spring(deck, card)
     elif SELECTED.get(card.name) == "LOAD":
         return _load(deck, card, factor)
+    elif card.name in ("BCTSET", "BGSET"):
+        _join(deck, card)
     return True
 
 
@@ -435,6 +442,49 @@ def _pressure(deck: Deck, card: Card, factor: float) -> bool:
     straight = Block(STRAIGHT[2, len(face)], np.array([face]))
     deck.found.pressures[factor * card.real(2)].append(straight)
     return True
+
+
+def _join(deck: Deck, card: Card) -> None:
+    """Take the contacts of a BCTSET, or the ties of a BGSET, one on each line.
+
+    Raises:
+        ValueError: the entry is damaged.
+    """
+    found, tied = deck.found, card.name == "BGSET"
+    for at in range(1, len(card.fields), 8):
+        pair = [f"surface {card.text(k)}" for k in (at, at + 1)]
+        for name in pair:
+            if name not in found.surfaces:
+                found.surfaces[name] = _facets(deck, name)
+        if missing := [name for name in pair if not found.surfaces[name]]:
+            found.leave(f"{_name(card)}: {missing[0]} has no faces of solids (BSURFS)")
+            continue
+        number, farthest = card.real(at + 2), card.real(at + 2 if tied else at + 4)
+        friction = {} if tied else {"friction": number}
+        joint = DeckJoint(_name(card), *pair, tied=tied, reach=farthest or None, **friction)
+        found.joints.append(joint)
+
+
+def _facets(deck: Deck, surface: str) -> list[Block]:
+    """The facets of a BSURFS: after three blank fields, cells and three corners of their faces.
+
+    Raises:
+        ValueError, KeyError: the entry is damaged.
+    """
+    faces = []
+    for card in deck.cards:
+        if card.name == "BSURFS" and f"surface {card.text(0)}" == surface:
+            for at in range(4, len(card.fields), 4):
+                block, row = deck.rows[card.integer(at)]
+                corners = {deck.index(card, at + k) for k in (1, 2, 3)}
+                sides = (block.nodes[row][list(side)] for side in block.shape.facets)
+                faces += [side for side in sides if corners <= set(side.tolist())]
+    rows = [[side for side in faces if len(side) == width] for width in (3, 4)]
+    return [
+        Block(STRAIGHT[2, len(of[0])], np.array(of), {surface: np.full(len(of), True)})
+        for of in rows
+        if of
+    ]
 
 
 def _face(block: Block, nodes: Ints, given: list[int]) -> list[int]:

@@ -1,9 +1,9 @@
 """Why parts of finite-element models are not read, by their names in Abaqus, Nastran and ANSYS."""
 
 _REASONS: dict[str, tuple[str, ...]] = {
-    "give [[ties]]": ("BGSET", "BGADD", "BGPARM", "CEINTF"),
+    "give [[ties]]": ("BGPARM", "CEINTF"),
     "give [[contacts]] with against": (
-        *("CONTACT", "BCTABLE", "BCTSET", "BCTADD", "BCTPARM", "BSURF", "BSURFS", "BCPROP"),
+        *("CONTACT", "BCTABLE", "BCTPARM", "BSURF", "BCPROP"),
         *("BCPROPS", "BCONP", "BCBODY", "BCBODY1", "BCTABL1", "BLSEG", "BFRIC", "CGAP"),
     ),
     "give [[bolts]]": ("BOLT", "BOLTFOR", "BOLTFRC", "PTSECT", "SLOAD"),

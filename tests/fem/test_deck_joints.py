@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -169,6 +170,40 @@ def test_archive_gives_contact_pairs(more: list[str], expected: dict, tmp_path: 
         assert mesh.not_read == () == mesh.physics.not_taken
         sides = {name for block in mesh.blocks for name in block.groups}
         assert sides >= {"contact 5", "target 5"}
+
+
+NASTRAN = """BSURFS,1,,,,1,2,3,6
+BSURFS,2,,,,2,21,24,25
+BCTSET,100,2,1,0.2,0.,0.1
+BCTSET,101,2,1,0.9
+BGSET,200,2,1,0.3
+BGSET,200,2,7
+BCTPARM,100,PENN,10.
+"""
+
+
+def test_nastran_gives_the_contacts_and_ties_of_the_case(tmp_path: Path) -> None:
+    places = [(20 * b + k, b + x, y, z)
+              for b in (0, 1) for k, (x, y, z) in enumerate(PLACES, 1)]  # fmt: skip
+    text = "SOL 101\nCEND\nBCSET = 100\nBGSET = 200\nBEGIN BULK\n"
+    text += "".join(f"GRID,{n},,{x}.,{y}.,{z}.\n" for n, x, y, z in places)
+    text += "CHEXA,1,3,1,2,3,4,5,6,+\n+,7,8\nCHEXA,2,3,21,22,23,24,25,26,+\n+,27,28\n"
+    whole = f"{text}PSOLID,3,1\nMAT1,1,2.1+5,,0.\n{NASTRAN}ENDDATA\n"
+    (tmp_path / "cubes.bdf").write_text(whole)
+    mesh = formats.read(tmp_path / "cubes.bdf")
+    assert mesh.physics.joints == (
+        DeckJoint("BCTSET 100", "surface 2", "surface 1", tied=False, reach=0.1, friction=0.2),
+        DeckJoint("BGSET 200", "surface 2", "surface 1", tied=True, reach=0.3),
+    )
+    said = " ".join([*mesh.not_read, *mesh.physics.not_taken])
+    assert "BCTPARM" in said and "BCTSET of the set 101" in said and "surface 7 has no" in said
+    (tmp_path / "cubes.bdf").write_text(re.sub("B[CG]SET = .*\n", "", whole))
+    assert not formats.read(tmp_path / "cubes.bdf").physics.joints  # nor does Nastran use them
+    facets = {name: block for block in mesh.blocks for name in block.groups if "surface" in name}
+    assert {name: set(mesh.points[of.nodes, 0].ravel()) for name, of in facets.items()} == {
+        "surface 1": {1.0},
+        "surface 2": {1.0},
+    }
 
 
 def test_pair_of_an_archive_that_never_parts_is_named(tmp_path: Path) -> None:

@@ -303,6 +303,9 @@ def _pieces(
         for j in owners.get(other, ())
     }
 
+    if not met and glue in (None, True):
+        return [solids], []
+
     def glued(i: int, j: int) -> bool:
         if isinstance(glue, tuple):
             return any({bodies[solids[i]], bodies[solids[j]]} <= set(one) for one in glue)

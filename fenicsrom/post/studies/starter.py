@@ -407,8 +407,8 @@ def _joint_lines(found: Inspection, units: Units) -> list[str]:
         first, second = sorted(pair, key=lambda name: sizes[name])  # stable
         lines += ["", f"{'[[ties]]' if joint.tied else '[[contacts]]'} # of the file: {joint.name}"]
         lines += [f"group = {toml(first)}", f"against = {toml(second)}"]
+        lines += [f"reach = {joint.reach!r}"] if joint.reach is not None else []
         if joint.tied:
-            lines += [f"reach = {joint.reach!r}"] if joint.reach is not None else []
             continue
         chosen = f"{LAYER * (moduli or [_in(units, 'Pa', STEEL)])[0] / sizes[first]:.2g}"
         why = f" # chosen: {LAYER:g} E/h with the size h of a facet, because the file has none"
