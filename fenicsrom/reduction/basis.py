@@ -311,7 +311,11 @@ def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -
         stiffness, none = structure.inner(r, structure.stiffness_times(r)), np.zeros((0, 0))
         elastic = ElasticPolynomial(force, stiffness, none, none)
         pressure = None if structure.symmetric else _skew_pressure(structure, r, elastic.stiffness)
-    return reduced_model(elastic=elastic, pressure=pressure, **projected_terms(structure, r))
+    bolts = structure.bolts.moved(
+        lambda rows: structure.comm.allreduce(rows @ np.column_stack([structure.equilibrium, r]))
+    )
+    terms = projected_terms(structure, r)
+    return reduced_model(elastic=elastic, pressure=pressure, bolts=bolts, **terms)
 
 
 def _skew_pressure(structure: Structure, r: Array, stiffness: Array) -> PressurePolynomial | None:

@@ -41,6 +41,7 @@ from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.notes import Note
 from fenicsrom.online.contact.points import no_points, points_on
 from fenicsrom.online.contact.surfaces import frame
+from fenicsrom.online.model.bolts import no_bolts
 from fenicsrom.online.model.loads import PressurePolynomial, histories_of, no_pressure
 from fenicsrom.online.model.matrices import DenseModel
 from fenicsrom.online.model.polynomial import ElasticPolynomial
@@ -347,6 +348,7 @@ class BeamStructure(DenseBody):
             rows = np.concatenate([axes @ self.probe_rows for axes in frames])
         self.contact_rows = csr_array(rows)
         self.interface: Array | None = None
+        self.bolts, self.shifting_forces = no_bolts(d, self.size), np.zeros((self.size, 0))
         self.equilibrium: Array = np.zeros(self.size)
         self.rest_force = self.equilibrium
         self.factor = Cholesky(beam.stiffness)

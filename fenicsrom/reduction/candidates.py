@@ -5,7 +5,8 @@ A reduced model is stored together with a larger model of N = n + w coordinates,
     u = u₀ + [R, W] (q, e),    Bᵀ W = 0,    Wᵀ M R_s = 0,    Wᵀ M W = I,    (1)
 
 whose first n coordinates are those of the basis R. The candidates W are the next normal and
-interface modes, the static deflections under the loads (attachment modes), the static deflections
+interface modes, the static deflections under the loads (attachment modes) and, of bodies
+that touch, under what moves the equilibrium (`fenicsrom.online.step.statics.together`), those
 under the inertia forces of the deflections under loads and contact forces, and combinations of the
 modal derivatives that the basis lacks. These derivatives include those of the next modes. At every
 motion of the reduced model, the projected force of the larger model contains the residual Wᵀ r of
@@ -125,6 +126,9 @@ def extended_basis(structure: Structure, options: Basis, found: stages.Reduction
     loaded = structure.factor.solve(structure.load_vectors)
     vectors.append(loaded)
     labels += [f"{k + 1}A" for k in range(loaded.shape[1])]
+    pressed = structure.factor.solve(structure.shifting_forces)
+    vectors.append(pressed)
+    labels += [f"{k + 1}E" for k in range(pressed.shape[1])]
 
     def extended() -> ReducedBasis:
         """The basis with the vectors so far, orthonormalised against those of the basis."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from fenicsrom.arrays import Array
 from fenicsrom.notes import Note
 from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.model.bolts import Bolts
 from fenicsrom.online.model.loads import LoadHistories, PressurePolynomial
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 
@@ -56,6 +57,7 @@ class Structure(Protocol):
         interface: (m, k) combinations of contact forces that give the static modes, the most
             important ones first; None: `basis.masters` chooses.
         probe_rows: (d, local) displacement of the probe.
+        bolts: the bolts, which move apart by rows (b, d, local) of the displacements.
     """
 
     source: str
@@ -72,6 +74,7 @@ class Structure(Protocol):
     contact_rows: csr_array
     interface: Array | None
     probe_rows: Array
+    bolts: Bolts
 
     @property
     def comm(self) -> Any:
@@ -88,6 +91,10 @@ class Structure(Protocol):
     @property
     def symmetric(self) -> bool:
         """Whether the stiffness is symmetric; otherwise `factor` is that of its symmetric part."""
+
+    @property
+    def shifting_forces(self) -> Array:
+        """Forces (local, k) that move the equilibrium if bolts or contacts change, N."""
 
     @property
     def factor(self) -> Inverse:

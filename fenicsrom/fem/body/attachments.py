@@ -22,6 +22,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.fem.body.places import Places
 from fenicsrom.fem.mesh.mesh import ROUNDING
+from fenicsrom.online.model.bolts import Bolts
 from fenicsrom.scene import Attachment, Bolt, Place
 from fenicsrom.scene.keys.places import AXES
 
@@ -95,13 +96,14 @@ def set_bolts(body: Any, places: Places, bolts: Sequence[Bolt]) -> None:
     """Add the forces of bolts to a body, and their stiffness across: (1).
 
     Args:
-        body: the body; its `tension` and its `couplings` change.
+        body: the body; its `bolts`, its `tension` and its `couplings` change.
         places: its places.
         bolts: the bolts.
 
     Raises:
         SceneError: a place is not found, or head and nut have the same centre.
     """
+    lines, rows = [], []
     for k, bolt in enumerate(bolts):
         ends = ((Place(group=getattr(bolt, end)), f"bolts[{k}].{end}") for end in ("head", "nut"))
         apart, line = _apart(places, *ends)
@@ -114,6 +116,10 @@ def set_bolts(body: Any, places: Places, bolts: Sequence[Bolt]) -> None:
         if body.geometrically_nonlinear:
             across = csr_array((np.eye(body.dimension) - np.outer(axis, axis)) @ apart)
             body.couplings = csr_array(body.couplings + bolt.force / length * across.T @ across)
+        lines.append(line[: body.dimension])
+        rows.append(csr_array(apart).toarray())
+    if bolts:
+        body.bolts = Bolts(np.array(lines), np.array(rows))
 
 
 def _apart(places: Places, one: tuple[Place, str], other: tuple[Place, str]) -> tuple[Array, Array]:

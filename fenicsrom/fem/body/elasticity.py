@@ -50,6 +50,7 @@ from fenicsrom.fem.body.rotation import Inertia, RotatingFrame
 from fenicsrom.fem.body.supports import Held, Slanted, conditions, held_displacements
 from fenicsrom.fem.mesh.mesh import ROUNDING, Mesh
 from fenicsrom.notes import Note, NoteKind, note_of
+from fenicsrom.online.model.bolts import no_bolts
 from fenicsrom.scene import Scene
 
 AnyFactor = Factorisation | FreeFactorisation | WaveFactorisation
@@ -112,7 +113,8 @@ class ElasticBody:
         density: mass per volume, or per area in 2D, as a coefficient of the forms.
         inertia: the matrices of inertia forces.
         couplings: sparse, symmetric (local, local) stiffness of springs and bolts, N/m.
-        tension: (local,) force of the bolts on the undeformed body, N.
+        bolts: the bolts, which move apart by rows (b, d, local) of the displacements.
+        tension: (local,) their force on the undeformed body, N.
         joint: contacts between bodies as springs (on a path of equilibria, with friction), in
             `residual` and `tangent` only; None without.
         room: sparse (local, local); the tangent has its entries besides those of the forms; None.
@@ -168,6 +170,7 @@ class ElasticBody:
         self.cut = None if scene.cyclic is None else CutFaces(self, scene.cyclic)
         self.couplings, self.tension = csr_array((self.local, self.local)), np.zeros(self.local)
         self.dashpots = self.couplings.copy()
+        self.bolts = no_bolts(self.dimension, self.local)
         self.joint: Any = None
         self.room: csr_array | None = None
         self.point_masses = np.zeros(self.local)

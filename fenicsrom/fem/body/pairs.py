@@ -419,8 +419,8 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
         number: number of the contact in the scene.
 
     Returns:
-        The rows and the points, whose tributary areas are the a_i, with the gaps (2), or with those
-        of the scene. A sector has the contact between itself and the next one.
+        The rows and the points, whose tributary areas are the a_i, with the gaps (2). A sector has
+        the contact between itself and the next one.
 
     Raises:
         SceneError: a region is inside a body, the regions share nodes or do not face each other,
@@ -439,9 +439,8 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
     frames = np.array([frame(n / np.linalg.norm(n)) for n in around.mean @ found.normal])
     gap = around.mean @ found.gap
     gap[np.abs(gap) < SHUT * sides[0].size.mean()] = 0.0
-    if contact.gap is not None or contact.preload:
-        gap = np.full(len(x), contact.gap or 0.0)
-    elif (depth := -float(gap.min())) > INSIDE * sides[0].size.mean():
+    told = gap if contact.has_mesh_gaps else np.full(len(x), contact.gap or 0.0)
+    if (depth := -float(gap.min())) > INSIDE * sides[0].size.mean() and told is gap:
         worst = x[np.argmin(gap)].round(6).tolist()
         reason = f"the first region lies up to {depth:.3g} m inside {contact.against!r}, near "
         raise _refused(body, f"{reason}{worst}; correct the mesh, or give contacts.gap", key)
@@ -452,7 +451,7 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
         part.data[np.abs(part.data) < ROUNDING] = 0.0
         part.eliminate_zeros()
     own, ahead = rows if sense else (rows[0], csr_array(rows[0].shape))
-    tell(body, contact, place, around, gap, sides[:2])
+    tell(body, contact, place, around, told, sides[:2])
     return PairRows(own, ahead, points_on(number, around.area, x, frames, gap=gap))
 
 

@@ -23,7 +23,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.base.linalg import add_entries, eigenmodes, multiply
 from fenicsrom.fem.body.attachments import attach, set_bolts
-from fenicsrom.fem.body.elasticity import AnyFactor, ElasticBody
+from fenicsrom.fem.body.elasticity import AnyFactor, ElasticBody, Joint
 from fenicsrom.fem.body.free_bodies import (
     balanced_loads,
     free_motions_of,
@@ -37,13 +37,14 @@ from fenicsrom.fem.body.supports import pieces_apart
 from fenicsrom.fem.body.ties import tie
 from fenicsrom.fem.equilibrium import statics as prediction
 from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
-from fenicsrom.fem.equilibrium.joined import Rubbing, all_closed, bring_together, sticking
+from fenicsrom.fem.equilibrium.joined import Rubbing, bring_together
 from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
 from fenicsrom.fem.solid.plausibility import implausible_inputs, implausible_normals
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints, all_points, contacts_of, points_on
 from fenicsrom.online.contact.surfaces import frame, surface_normal
+from fenicsrom.online.contact.together import all_closed, sticking
 from fenicsrom.online.model.loads import PressurePolynomial, histories_of
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial
 from fenicsrom.reduction.basis import strain_products
@@ -153,7 +154,7 @@ class Solid(ElasticBody):
             self._contacts = contacts_of(scene, self.points)
             against = np.array([contact.against is not None for contact in scene.contacts])
             self._paired = against[self.points.contact]
-            self.joint = all_closed(self, self._contacts, self._paired)
+            self.joint = Joint(self.contact_rows, *all_closed(self._contacts, self._paired))
             springs = csr_array(springs + self.joint.stiffness)
         linked = self.joined or scene.ties or any(one.to for one in scene.attachments)
         if not linked and (sentence := pieces_apart(mesh, self.space)):
@@ -171,7 +172,8 @@ class Solid(ElasticBody):
             self.equilibrium: Array = np.zeros(self.local) + known.displacement
             self.unstable = known.unstable
             if self.joined:
-                self.joint = sticking(self, self._contacts, self.contact_rows @ self.equilibrium)
+                x = self.contact_rows @ self.equilibrium
+                self.joint = Joint(self.contact_rows, *sticking(self._contacts, x))
             self._set_follower_loads()
         else:
             self._find_equilibrium()
@@ -201,7 +203,7 @@ class Solid(ElasticBody):
 
     def _bring_together(self) -> None:
         """Compute the equilibrium of bodies that touch; the factor and the load vectors follow."""
-        self.joint = all_closed(self, self._contacts, self._paired)
+        self.joint = Joint(self.contact_rows, *all_closed(self._contacts, self._paired))
         self.equilibrium = bring_together(self, self._contacts, self._bends)
         if not self.symmetric:
             self._renew(self.factor)
@@ -380,6 +382,24 @@ class Solid(ElasticBody):
             return np.zeros(self.local)
         pushed = self.joint.springs * (self.contact_rows @ self.equilibrium - self.joint.reference)
         return np.asarray(self.contact_rows.T @ (pushed * ~np.repeat(self._paired, self.dimension)))
+
+    @property
+    def shifting_forces(self) -> Array:
+        """Forces (local, k) that move the equilibrium if bolts or contacts change, N.
+
+        They are the pulls of the bolts, and of the closed points of each contact the forces of a
+        uniform gap, those at rest, and those that would hold their slides.
+        """
+        line = self.bolts.line / np.linalg.norm(self.bolts.line, axis=1, keepdims=True)
+        pulls = np.einsum("bd,bdu->ub", line, self.bolts.apart)
+        if self.joint is None:
+            return pulls
+        x, springs = self.contact_rows @ self.equilibrium, self.joint.springs
+        normal = np.arange(x.size) % self.dimension == 0
+        kinds = normal * springs, springs * (x - self.joint.reference), ~normal * springs * x
+        of_point = np.repeat(self.points.contact, self.dimension)
+        forces = [kind * (of_point == k) for k in np.unique(of_point) for kind in kinds]
+        return np.column_stack([pulls, self.contact_rows.T @ np.array(forces).T])
 
     @property
     def rest_force(self) -> Array:

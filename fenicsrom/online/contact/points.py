@@ -47,7 +47,7 @@ class ContactPoints(NamedTuple):
         unit_lengths: (P,) how many unit lengths of the scene complete the tributary area to an
             area: 0 of facets and of a single point, 1 of edges, 2 of nodes; () of all points.
         gap: (P,) distance from the other body in the mesh, m; 0 of a rigid surface; () of all
-            points.
+            points. It counts where the scene gives no gap.
     """
 
     contact: NDArray[np.int64]
@@ -106,8 +106,9 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
         return np.array([getattr(contact, name) for contact in chosen], dtype=np.float64)
 
     share = shares(scene, points)
-    given = np.array([0.0 if contact.against else contact.gap or 0.0 for contact in chosen])
-    gap = points.gap + given  # a pair has the gap of the scene already (`fem.body.pairs`)
+    in_mesh = np.array([contact.has_mesh_gaps for contact in chosen], dtype=bool)
+    given = np.array([contact.gap or 0.0 for contact in chosen])
+    gap = np.where(in_mesh, points.gap, given)
     found = planes(
         share * of("preload"),
         gap,

@@ -20,6 +20,7 @@ from fenicsrom.online.kernels.dense import (
     negative_eigenvalues,
     write_times,
 )
+from fenicsrom.online.model.bolts import Bolts, no_bolts
 from fenicsrom.online.model.loads import (
     LoadHistories,
     PressurePolynomial,
@@ -234,6 +235,7 @@ class ReducedModel(NamedTuple):
         pressure: coefficients of the follower pressures; their forces are part of those that
             `elastic_over_step` and `elastic_at` give.
         turning: the forces of a varying speed; their sum is part of the same forces.
+        bolts: the bolts, whose forces are part of `elastic`.
         work: arrays for the results.
     """
 
@@ -250,6 +252,7 @@ class ReducedModel(NamedTuple):
     velocity_matrix: Array
     pressure: PressurePolynomial
     turning: Turning
+    bolts: Bolts
     work: Workspace
 
     @property
@@ -455,6 +458,7 @@ def reduced_model(
     velocity_matrix: Array | None = None,
     pressure: PressurePolynomial | None = None,
     turning: Turning | None = None,
+    bolts: Bolts | None = None,
 ) -> ReducedModel:
     """A `ReducedModel` with its workspace; arguments as its attributes.
 
@@ -467,6 +471,7 @@ def reduced_model(
     velocity_matrix = np.zeros((0, 0)) if velocity_matrix is None else velocity_matrix
     pressure = no_pressure(n) if pressure is None else pressure
     turning = no_turning() if turning is None else turning
+    bolts = no_bolts(d, 1 + n) if bolts is None else bolts
     elastic, contact_rows = _tidy(elastic), np.ascontiguousarray(contact_rows, np.float64)
     return ReducedModel(
         mass=np.ascontiguousarray(mass, np.float64),
@@ -482,6 +487,7 @@ def reduced_model(
         velocity_matrix=np.ascontiguousarray(velocity_matrix, np.float64),
         pressure=_tidy(pressure, "numbers"),
         turning=_tidy(turning)._replace(inertia=float(turning.inertia)),
+        bolts=_tidy(bolts),
         work=_workspace(elastic, loads, contact_rows, velocity_matrix, pressure),
     )
 

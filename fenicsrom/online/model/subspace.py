@@ -104,7 +104,22 @@ def subspace_model(
         probe=whole.probe @ z,
         probe_offset=whole.probe_offset + whole.probe @ q0,
         velocity_matrix=z.T @ velocity_matrix @ z if velocity_matrix.size else velocity_matrix,
+        bolts=whole.bolts.moved(
+            lambda rows: np.column_stack([rows[:, 0] + rows[:, 1:] @ q0, rows[:, 1:] @ z])
+        ),
     )
+
+
+def about(model: ReducedModel, q0: Array) -> ReducedModel:
+    """A model without follower pressures in the same coordinates, measured from a state q0 (n,)."""
+    kept = {name: value for name, value in model._asdict().items() if name != "work"}
+    kept["elastic"] = shifted(model.elastic, q0)
+    kept["contact_offset"] = model.contact_offset + model.contact_rows @ q0
+    kept["probe_offset"] = model.probe_offset + model.probe @ q0
+    kept["bolts"] = model.bolts.moved(
+        lambda rows: np.column_stack([rows[:, 0] + rows[:, 1:] @ q0, rows[:, 1:]])
+    )
+    return reduced_model(**kept)
 
 
 def nested_model(whole: ReducedModel, chosen: Sequence[int]) -> ReducedModel:
@@ -141,6 +156,7 @@ def nested_model(whole: ReducedModel, chosen: Sequence[int]) -> ReducedModel:
             bent[:, at if bent.shape[1] else []][:, :, at[:, None], at],
         ),
         turning=_nested_turning(whole.turning, at),
+        bolts=whole.bolts.moved(lambda rows: rows[:, np.append(0, 1 + at)]),
     )
 
 

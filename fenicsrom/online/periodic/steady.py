@@ -70,6 +70,7 @@ from fenicsrom.online.step.state import (
     Record,
     State,
 )
+from fenicsrom.progress import log, working_time
 
 # Part of |A^k d| that (1) may miss. The linear map A then describes the march to 30 %: z is in the
 # region where the periodic motion attracts, not only near the border to another motion.
@@ -84,6 +85,9 @@ APPROACH = 0.1  # a motion that does not settle would have to come as near by ch
 # Change of the state in a period, relative to the state, below which Newton's method starts: where
 # the contacts still change from period to period, it needs many iterations.
 CALM = 1e-2
+
+TOLD = 5.0
+"""Time after which a long march is told again, s."""
 
 
 class MarchedPath:
@@ -153,7 +157,12 @@ class MarchedPath:
         linear: Array = np.zeros((found.size, 0))
         ages: Array = np.zeros(0)
         horizons: Array = np.zeros(0)
+        told = working_time()
         for k in range(max(periods, longest)):
+            if working_time() - told > TOLD:
+                told, most = working_time(), max(periods, longest)
+                away = np.linalg.norm(self.states[k] - found) / size
+                log.info(f"  period {k} of at most {most}, {away:.2g} from the periodic motion ..")
             if k == periods:
                 if not self.comes_nearer(motion):
                     return False

@@ -21,6 +21,7 @@ whole pencil of the softest directions decides (`online.model.pencil`).
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -36,9 +37,10 @@ from fenicsrom.online.contact.state import (
     zero_contact_state,
 )
 from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.contact.together import LOOSE, Springs, all_closed, bring_together
 from fenicsrom.online.kernels.dense import negative_eigenvalues
 from fenicsrom.online.model.loads import largest, static_factors
-from fenicsrom.online.model.model import Problem
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.model.pencil import growing
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
 from fenicsrom.progress import tell
@@ -117,6 +119,7 @@ def dense_newton(
     iterations: int,
     growth: float = np.inf,
     decrements: list[float] | None = None,
+    work: float = 0.0,
 ) -> Array | None:
     """The equilibrium (n,) of a model with dense matrices under a load, or None; as `newton`.
 
@@ -127,6 +130,7 @@ def dense_newton(
         iterations: as those of `newton`.
         growth: as that of `newton`.
         decrements: as those of `newton`.
+        work: of other forces, beside that of the load, J.
     """
 
     def correct(q: Array) -> Correction | None:
@@ -138,7 +142,7 @@ def dense_newton(
         return change, abs(float((load - force) @ change))
 
     def converged(q: Array, decrement: float, first: float, last: float) -> bool:
-        return small_against_load(decrement, first, float(load @ q))
+        return small_against_load(decrement, first, max(work, abs(float(load @ q))))
 
     return newton(start, correct, converged, iterations, growth, decrements=decrements)
 
@@ -217,6 +221,7 @@ BUCKLING_PUSH = 1e-3  # displacement along an unstable direction, relative to th
 DOWNHILL_STEPS = 200  # about ten let the push grow to the size of the body
 SHORTER = 4.0  # factor of 1/tau of a step downhill that failed
 REGULAR = 1e9  # c of K + c M, 1/s^2
+HELD = 1e-13  # eigenvalue of a tangent, scaled to a unit diagonal, below which a piece is loose
 BALANCED = 1e-6  # forces balance if the rest is smaller, relative to the contact forces
 INVERSE_ITERATIONS = 8
 SOFTEST = 8  # further directions in which the whole pencil is judged
@@ -256,6 +261,49 @@ def equilibrium(problem: Problem) -> tuple[Array, int]:
         )
     unstable = statics.unstable(q)
     return (statics.downhill(q), unstable) if unstable else (q, 0)
+
+
+def together(model: ReducedModel, contacts: Contacts, paired: Array) -> Array:
+    """The equilibrium q (n,) of bodies that touch, brought together without friction.
+
+    Args:
+        model: the model, without follower pressures.
+        contacts: its contacts.
+        paired: (P,) which of the points touch another body.
+
+    Raises:
+        ConvergenceError: there is no stable equilibrium, or nothing presses on a piece that
+            contacts hold.
+    """
+    rows, offset = model.contact_rows, model.contact_offset
+    load = model.loads @ static_factors(model.load_histories)
+    q: Array = np.zeros(model.size)
+
+    def elastic(springs: Springs, q: Array) -> tuple[Array, Array]:
+        force, tangent = force_and_tangent(model.elastic, q)
+        pull = springs.force(offset + rows @ q)
+        return force + rows.T @ pull, tangent + rows.T @ (springs.springs[:, None] * rows)
+
+    def solve(springs: Springs, changed: bool) -> Array:
+        nonlocal q
+        x = offset + rows @ q
+        work = float(np.abs(springs.force(x)) @ np.abs(x - springs.reference))
+        found = dense_newton(q, partial(elastic, springs), load, ITERATIONS, work=work)
+        tangent = elastic(springs, q if found is None else found)[1]
+        scale = 1.0 / np.sqrt(np.abs(np.diag(tangent)))
+        if np.abs(np.linalg.eigvalsh(scale[:, None] * tangent * scale)).min() < HELD:
+            raise ConvergenceError(LOOSE, q)
+        if found is None:
+            reason = "Newton's method finds no equilibrium of the bodies that touch in the "
+            raise ConvergenceError(f"{reason}coordinates of the model; run the scene again", q)
+        q = found
+        return np.asarray(offset + rows @ q)
+
+    closed = bring_together(contacts, all_closed(contacts, paired), solve)
+    if negative := negative_eigenvalues(elastic(closed, q)[1]):
+        reason = f"the equilibrium of the bodies that touch is unstable in {negative} directions"
+        raise ConvergenceError(reason, q, kind=ErrorKind.INSTABILITY)
+    return q
 
 
 def mass_norm(model: Any, vector: Array) -> float:

@@ -28,29 +28,43 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.files import read_archive, write_archive
-from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.contact.surfaces import history_of, speed_history
+from fenicsrom.online.contact.together import require_planes
+from fenicsrom.online.model.bolts import Bolts
 from fenicsrom.online.model.disk_model import Sector
 from fenicsrom.online.model.loads import PressurePolynomial
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial, paired_cubic, unique_cubic
-from fenicsrom.online.model.subspace import nested_model
+from fenicsrom.online.model.subspace import about, nested_model
 from fenicsrom.online.model.turning import Turning
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.step.speed_range import AtSpeed, RangeErrors, RangeModel
+from fenicsrom.online.step.statics import together
 from fenicsrom.online.store.disk import StoredDisk
-from fenicsrom.online.store.scene_changes import Trained, changed_scene, require_same_model
+from fenicsrom.online.store.scene_changes import (
+    Trained,
+    changed_scene,
+    require_same_model,
+    rest_changes,
+)
 from fenicsrom.online.store.store import pack, unpack, without
 from fenicsrom.online.stress.reactions import ReactionTable, Recovery, reduced_modes
-from fenicsrom.online.stress.stress import Deformation, StressLaw, StressTable
-from fenicsrom.scene import Overrides, Scene, parse_scene, scene_table
+from fenicsrom.online.stress.stress import (
+    Deformation,
+    StressLaw,
+    StressTable,
+    deformation_at,
+)
+from fenicsrom.scene import Bolt, Overrides, Scene, parse_scene, scene_table
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import brief
 
 FORMAT = "fenicsrom reduced model 10"
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
+UNJUDGED_REST = "the equilibrium under other contacts or bolts is not known on finer elements"
 Meshes = tuple[ReducedModel, ReducedModel, list[int]]
 
 
@@ -216,7 +230,47 @@ class StoredModel:
             if scene.rotation != self.scene.rotation:
                 found = found.at_speed()
         found.require_size()
-        return found
+        moved = rest_changes(self.scene, scene)
+        return found._together(self.scene.bolts, moved) if moved else found
+
+    def _together(self, before: Sequence[Bolt], changes: tuple[str, ...]) -> StoredModel:
+        """The model about the equilibrium of bodies that touch, found in all its coordinates.
+
+        The damping besides α M stays, and an estimate of the mesh needs the equilibrium of finer
+        elements.
+
+        Args:
+            before: the bolts of the equilibrium so far.
+            changes: what moved it (`rest_changes`).
+
+        Raises:
+            ConvergenceError: there is no equilibrium.
+            SceneError: a round surface presses on a body.
+        """
+        scene, every = self.scene, self.candidates or self.model
+        pulls = np.array([a.force - b.force for a, b in zip(scene.bolts, before, strict=True)])
+        pulled = every.bolts.pulled(every.elastic, pulls, scene.geometrically_nonlinear)
+        every = every._replace(elastic=pulled)
+        contacts = contacts_of(scene, every.points)
+        paired = [scene.contacts[k].against is not None for k in every.points.contact]
+        q = together(every, contacts, np.array(paired))
+        every = about(every, q)
+        require_planes(contacts, every.points, every.contact_offset, scene.source)
+        modes = dict.fromkeys(range(1, self.frequencies_hz.size + 1), math.nan)
+        found = replace(
+            self,
+            model=nested_model(every, range(self.size)),
+            candidates=None if self.candidates is None else every,
+            frequencies_hz=reduced_modes(every, scene, modes)[1],
+            trained=self.trained and self.trained.after(changes),
+        )
+        if self.tables is not None:
+            tables = self.tables.about(q)
+            deformation = deformation_at(tables.stress, np.zeros(q.size))
+            found = replace(found, tables=tables, deformation=deformation)
+        if self.finer is None or all("tangential" in change for change in changes):
+            return found
+        return replace(found, finer=None, finer_labels=(), unjudged=UNJUDGED_REST)
 
     def at_speed(self) -> StoredModel:
         """The model at the speed or for the history of its scene, from that for the range.
@@ -435,7 +489,7 @@ FORMS: dict[str, Callable[..., dict[str, Any]]] = {
 
 def makers(scene: Scene) -> dict[str, Any]:
     """What makes the records of the fields that a file keeps, and of its scene."""
-    plain = ContactPoints, PressurePolynomial, Turning, Recovery, ReactionTable, Deformation
+    plain = ContactPoints, Bolts, PressurePolynomial, Turning, Recovery, ReactionTable, Deformation
     more = RangeModel, RangeErrors, Trained, Sector
     return {kind.__name__: kind for kind in (*plain, *more)} | {
         "ElasticPolynomial": _polynomial,

@@ -20,8 +20,8 @@ from fenicsrom.scene import (
 from fenicsrom.scene.reading.overrides import override_in_si, override_texts
 
 # keys of a contact and of its surface on which the offline stages depend
-CONTACT_KEYS = ("place", "normal", "against", "neighbour", "surface")
-REST_KEYS = ("reach", "preload", "gap", "approach", "normal_stiffness", "tangential_stiffness")
+CONTACT_KEYS = ("place", "normal", "against", "neighbour", "reach", "surface")
+REST_KEYS = ("preload", "gap", "approach", "normal_stiffness", "tangential_stiffness")
 SURFACE_KEYS = ("kind", "point", "axis", "inside")  # the frames of the contact points follow
 
 # keys of [time] that only determine when a run ends
@@ -38,6 +38,7 @@ class Trained:
         amplitude: the largest half of the range of the probe, m.
         duration: the length of the longest motion without a period, s; 0 without any.
         dissipation: the largest energy that friction dissipates in a motion, J.
+        changed: how the equilibrium differs from theirs, in words (`rest_changes`).
     """
 
     loads: tuple[float, ...]
@@ -45,6 +46,11 @@ class Trained:
     amplitude: float
     duration: float
     dissipation: float
+    changed: tuple[str, ...] = ()
+
+    def after(self, changes: tuple[str, ...]) -> "Trained":
+        """The same, after further `rest_changes`."""
+        return replace(self, changed=(*self.changed, *changes))
 
 
 def contact_keys(joined: bool) -> tuple[str, ...]:
@@ -55,6 +61,19 @@ def contact_keys(joined: bool) -> tuple[str, ...]:
 def first_difference(one: Any, other: Any, names: Iterable[str]) -> str | None:
     """The first of these attributes in which two objects differ, or None."""
     return next((name for name in names if getattr(one, name) != getattr(other, name)), None)
+
+
+def rest_changes(made: Scene, wanted: Scene) -> tuple[str, ...]:
+    """What moves the equilibrium of bodies that touch, in words; none of other bodies."""
+    tables = {"contacts": REST_KEYS, "bolts": ("force",)} if made.joined else {}
+    found = []
+    for table, names in tables.items():
+        for k, pair in enumerate(zip(getattr(made, table), getattr(wanted, table), strict=True)):
+            for name in names:
+                before, after = (getattr(one, name) for one in pair)
+                if before != after:
+                    found.append(f"{table}.{k}.{name} is {after}, and was {before}")
+    return tuple(found)
 
 
 def changed_path(made: Scene, wanted: Scene) -> str | None:
@@ -72,15 +91,16 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     """The first key of the offline stage in which two scenes differ, or None.
 
     A stored model allows other sizes and histories of the loads that vary, another damping, other
-    contact parameters and another time integration, and a disk another mistuning. The mesh file
-    may be in another folder.
+    contact parameters and another time integration, bodies that touch other forces of the bolts,
+    and a disk another mistuning. The equilibrium of bodies that touch in a disk, or under follower
+    pressures, stays. The mesh file may be in another folder.
     """
     wanted = _with_allowed(made, wanted)
     names = "geometry geometrically_nonlinear materials supports attachments bolts ties rotation"
     names += " damping probe basis material cyclic"
     if (name := first_difference(made, wanted, names.split())) is not None:
         return name
-    contact_key = partial(_changed_contact_key, contact_keys(made.joined))
+    contact_key = partial(_changed_contact_key, contact_keys(_rests(made)))
     for table, changed in (("loads", _changed_load_key), ("contacts", contact_key)):
         ours, theirs = getattr(made, table), getattr(wanted, table)
         if len(ours) != len(theirs):
@@ -135,7 +155,14 @@ def shares_model(made: Scene, wanted: Scene) -> bool:
     motion = ("loads", "contacts", "material") if made.basis.masters == "motion" else ()
     if made.cyclic is not None and load_diameters(made) != load_diameters(wanted):
         return False
-    return changed_key(made, wanted) is None and first_difference(made, wanted, motion) is None
+    if changed_key(made, wanted) is not None or rest_changes(made, wanted):
+        return False
+    return first_difference(made, wanted, motion) is None
+
+
+def _rests(made: Scene) -> bool:
+    """Whether the equilibrium of bodies that touch cannot be found again without a mesh."""
+    return made.joined and (made.cyclic is not None or bool(made.followers))
 
 
 def _with_allowed(made: Scene, wanted: Scene) -> Scene:
@@ -152,6 +179,9 @@ def _with_allowed(made: Scene, wanted: Scene) -> Scene:
         geometry = replace(geometry, mesh=made.geometry.mesh, also=made.geometry.also)
     material = replace(wanted.material, mass_damping=made.material.mass_damping)
     found = replace(wanted, basis=basis, geometry=geometry, material=material)
+    if len(made.bolts) == len(wanted.bolts) and not _rests(made):
+        pairs = zip(made.bolts, wanted.bolts, strict=True)
+        found = replace(found, bolts=tuple(replace(b, force=a.force) for a, b in pairs))
     if made.cyclic is not None and wanted.cyclic is not None:
         alike = replace(wanted.cyclic, mistuning=made.cyclic.mistuning)
         found = replace(found, cyclic=alike)

@@ -23,6 +23,7 @@ end, the run that continues takes this motion, and only checks it.
 
 import hashlib
 import json
+import math
 import os
 import re
 import time
@@ -363,7 +364,7 @@ def fingerprint(model: ReducedModel) -> str:
 
     The damping and the load histories are left out: they belong to the scene.
     """
-    form = without("work", "load_histories", "damping", "turning")
+    form = without("work", "load_histories", "damping", "turning", "bolts")
     tree, arrays = pack(model, {"ReducedModel": form})
     digest = hashlib.sha256(json.dumps(tree).encode())
     for name in sorted(arrays):
@@ -485,8 +486,11 @@ def load_start(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint | Mo
 
 
 def keeper(path: Path, model: ReducedModel, scene: Scene) -> Callable[[Checkpoint], None]:
-    """A callback of `online.run.march.integrate` that writes a checkpoint each `INTERVAL`."""
-    last = clock.monotonic()
+    """A callback of `online.run.march.integrate` that writes a checkpoint each `INTERVAL`.
+
+    It writes the first one at once, because the search for the periodic motion may take long.
+    """
+    last = -math.inf
 
     def keep(checkpoint: Checkpoint) -> None:
         nonlocal last

@@ -229,6 +229,24 @@ class Recovery:
             ),
         )
 
+    def about(self, q0: Array) -> Recovery:
+        """The tables in the same coordinates, measured from a state q0 (n,)."""
+        weights = np.append(1.0, q0)
+
+        def moved(values: Array) -> Array:
+            return np.concatenate([np.tensordot(weights, values, 1)[None], values[1:]])
+
+        stress, reactions = self.stress, self.reactions
+        static = np.moveaxis(moved(np.moveaxis(reactions.static, 2, 0)), 0, 2)
+        return Recovery(
+            replace(
+                stress,
+                gradients=moved(stress.gradients),
+                vertex_displacement=moved(stress.vertex_displacement),
+            ),
+            replace(reactions, gradients=moved(reactions.gradients), static=static),
+        )
+
 
 CHUNK_BYTES = 50e6  # memory of the gradients of one block of instants
 

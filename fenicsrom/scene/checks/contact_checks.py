@@ -22,6 +22,8 @@ def contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
     else:
         for name in filter(partial(getattr, contact), ("reach", "neighbour")):
             yield Problem(f"{key}.{name}", "only allowed with against")
+    if (contact.gap or 0.0) < 0.0 and contact.against is None:
+        yield Problem(f"{key}.gap", "must be at least 0 without against", ErrorKind.RANGE)
     if contact.gap and contact.preload:
         allowed = "not allowed with a preload, which is the force at the undeformed position"
         yield Problem(f"{key}.gap", allowed)

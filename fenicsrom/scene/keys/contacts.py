@@ -92,7 +92,8 @@ class Contact:
             curves in 3D, N for each node of a node set. With `against` the bodies give way under
             it, which leaves a part.
         gap: initial distance, of the nearest node; not with a preload. Default: 0, and with
-            `against` and without a preload the distance in the mesh.
+            `against` and without a preload the distance in the mesh. With `against`, a negative gap
+            is the interference of a press fit.
         approach: how far the surface has moved towards the body, linear between the times. Default:
             at rest.
         normal_stiffness: stiffness along the normal. With at = "nodes": N/m³ on facets, N/m² on
@@ -109,7 +110,7 @@ class Contact:
     reach: Annotated[float | None, number(above=0.0, unit="m")] = None
     abradable: Annotated[Abradable | None, table_of(Abradable)] = None
     preload: Annotated[float, number(least=0.0, unit="N")] = 0.0
-    gap: Annotated[float | None, number(least=0.0, unit="m")] = None
+    gap: Annotated[float | None, number(unit="m")] = None
     approach: Annotated[
         tuple[tuple[float, ...], ...], rows_of("time", "distance", unit="s, m")
     ] = ()
@@ -121,6 +122,11 @@ class Contact:
     def has_region(self) -> bool:
         """Whether every node of a region is a contact point."""
         return self.place.at == "nodes" or self.against is not None
+
+    @property
+    def has_mesh_gaps(self) -> bool:
+        """Whether its gaps are those of the mesh."""
+        return self.against is not None and self.gap is None and not self.preload
 
 
 @dataclass(frozen=True, kw_only=True)
