@@ -8,7 +8,6 @@ judged, because it does not follow from the coefficients.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -100,10 +99,9 @@ class BalanceCurve(arc.ArcLength):
         self, before: CurvePoint, found: CurvePoint
     ) -> tuple[list[CurvePoint], list[CurvePoint]]:
         """Points that hide two folds between two points; folds and changes of contact."""
-        path: Any = self  # it has no multipliers to glance at, and is not asked for them
-        points = [before, *events.turned_points(path, before, found), found]
+        points = [before, *events.turned_points(self, before, found), found]
         contacts = self.family(before.parameter).model.points.contact
-        special = [events.special_points(path, a, b, contacts) for a, b in pairwise(points)]
+        special = [events.special_points(self, a, b, contacts) for a, b in pairwise(points)]
         return points[1:-1], [point for some in special for point in some]
 
 

@@ -41,6 +41,7 @@ from fenicsrom.online.periodic.shooting import (
     Family,
     PeriodicMotion,
     Shooting,
+    floquet,
     force_family,
     frequency_family,
     hold_sliders,
@@ -107,7 +108,13 @@ class Continuation(arc.ArcLength):
         s, parameter = self.variables(place.y)
         problem, record, m = self.problem_at(s, parameter), place.detail.record, self.shooting.m
         displacement = record.observed
-        seen = self._spectrum(place.jacobian, place.free, problem)
+        n = self.shooting.map.size
+        values, vectors = np.linalg.eig(self._monodromy(place.jacobian)[:n, :n])
+        multipliers, verdict = floquet(values, place.free)
+        steps, period = self.shooting.map.fractions.size - 1, m * problem.period
+        turning, turn_rates = events.turning_pairs(
+            values, vectors, problem.model.size, self.shooting.omega, period, steps
+        )
         z = self.unscaled(s, parameter)
         drift = np.linalg.norm(self.shooting.map.sliders(place.detail.z - z), axis=1)
         states, extremes = curves.occurrences(record, problem.contacts, drift)
@@ -129,41 +136,13 @@ class Continuation(arc.ArcLength):
             harmonics=curves.harmonics(record, problem.model.load_histories, problem.period),
             period_states=curves.states_over_period(record, states),
             damping_dissipation=float(record.energies[-1, DAMPING_DISSIPATION - WORK]),
-            multipliers=seen.multipliers,
-            verdict=seen.verdict,
+            multipliers=multipliers,
+            verdict=verdict,
             free_sliders=place.free,
-            turning=seen.turning,
-            turn_rates=seen.turn_rates,
-            period=m * problem.period,
+            turning=turning,
+            turn_rates=turn_rates,
+            period=period,
             probe_amplitude=curves.half_range(record.time, record.probe),
-        )
-
-    def glance(self, y: Array, along: Array) -> tuple[events.Spectrum, float] | None:
-        """The multipliers at y (N + 1,), which need not be a motion of the family.
-
-        Returns:
-            The multipliers, and the first correction of `correct` with the same arguments; None if
-            a step failed.
-        """
-        found = self._at(y, derive=True)
-        if found is None:
-            return None
-        scaled, free = self._scaled(found.jacobian)
-        factor = arc.factorised(scaled, along)
-        if factor is None:
-            return None
-        length = curves.norm(arc.solved(factor, np.append(-found.residual / self.size, 0.0)))
-        return self._spectrum(found.jacobian, free, self.problem_at(*self.variables(y))), length
-
-    def _spectrum(self, jacobian: Array, free: int, problem: Problem) -> events.Spectrum:
-        n, shooting = self.shooting.map.size, self.shooting
-        return events.spectrum(
-            self._monodromy(jacobian)[:n, :n],
-            free,
-            problem.model.size,
-            shooting.omega,
-            shooting.m * problem.period,
-            shooting.map.fractions.size - 1,
         )
 
     def _monodromy(self, jacobian: Array) -> Array:

@@ -55,7 +55,7 @@ from fenicsrom.online.curves.curve import (
     hermite,
     norm,
 )
-from fenicsrom.online.periodic.shooting import STABLE_WITHIN, PeriodicMotion, floquet, judged
+from fenicsrom.online.periodic.shooting import STABLE_WITHIN, PeriodicMotion, judged
 
 LOCATED = 1e-6  # of the range of the parameter: how closely special points are located
 BRACKET = 0.1 * LOCATED  # width of the final bracket along the curve
@@ -76,9 +76,6 @@ class Path(Protocol):
 
     def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint | None:
         """The point of the curve on the hyperplane through y normal to `along`."""
-
-    def glance(self, y: Array, along: Array) -> tuple[Spectrum, float] | None:
-        """The multipliers at y, and how far from it `correct` would go; None if a step failed."""
 
     def place(self, point: CurvePoint) -> Array:
         """The unknowns y (N + 1,) of a point."""
@@ -198,7 +195,7 @@ def _end(occurs: list[bool], what: str) -> str:
     return f"{'first' if occurs[1] else 'last'} {what}"
 
 
-def outside(motion: CurvePoint | PeriodicMotion | Spectrum) -> int:
+def outside(motion: CurvePoint | PeriodicMotion) -> int:
     """Number of multipliers outside of the unit circle."""
     if motion.stable:
         return 0
@@ -323,12 +320,6 @@ class _Planes:
                 return self._along(found, points)
         return None
 
-    def glance(self, points: list[CurvePoint], ends: list[float], arc: float) -> Spectrum | None:
-        """The multipliers at a guess of a point; None if no guess is near to the curve."""
-        guess = next(self._guesses(points, ends, arc), None)
-        found = None if guess is None else self._path.glance(guess, self._normal)
-        return found[0] if found is not None and found[1] < GLANCE * self.length else None
-
     def _guesses(self, points: list[CurvePoint], ends: list[float], arc: float) -> Iterator[Array]:
         """Guesses (N + 1,) of a point: the cubic through two points, then their tangents."""
         places = [self._path.place(point) for point in points]
@@ -359,9 +350,7 @@ TRIALS = 3  # points that seek one crossing
 # apart. A change of log r by 1 counts as an angle of so many radians.
 SIZE_WEIGHT = 40.0
 TURN_SEEN = 0.5  # smallest turn in a step, in parts of -2 log r, of a pair that may hide a stretch
-NEAR = 0.5  # of -log r: where the angle of the pair or e is smaller, e is too small for a stretch,
-CLOSE = 10.0  # if it was read from the pair at an angle of at most so many times this
-GLANCE = 0.1  # of a step: a place so near to the curve has the pairs of the curve
+NEAR = 0.5  # of -log r: where the angle of the pair is smaller, e is too small for a stretch
 
 
 class Crossing(NamedTuple):
@@ -371,64 +360,16 @@ class Crossing(NamedTuple):
         size: r.
         sign: (-1)^k.
         angles: d at both points.
-        rate: d theta / d log T, the mean of both points.
     """
 
     size: float
     sign: float
     angles: tuple[float, float]
-    rate: float
-
-
-class Spectrum(NamedTuple):
-    """The eigenvalues of a monodromy matrix.
-
-    Attributes:
-        multipliers: (N,) the largest first.
-        verdict: as in `CurvePoint`.
-        free_sliders: number of slider components that are not unique.
-        turning: (K,) multipliers of lightly damped vibrations, one of each pair.
-        turn_rates: (K,) d theta / d log T.
-        vibrations: (2, n, K) eigenvectors of the pairs: L^T q, and L^T v times T.
-        steps: number of time steps in the period.
-    """
-
-    multipliers: NDArray[np.complex128]
-    verdict: str
-    free_sliders: int
-    turning: NDArray[np.complex128]
-    turn_rates: Array
-    vibrations: NDArray[np.complex128]
-    steps: int
-
-    @property
-    def stable(self) -> bool:
-        """Whether the motion is stable."""
-        return self.verdict == "stable"
-
-
-def spectrum(
-    monodromy: Array, free: int, n: int, omega: float, period: float, steps: int
-) -> Spectrum:
-    """The eigenvalues of a monodromy matrix (N, N).
-
-    Args:
-        monodromy: the matrix.
-        free: number of slider components that are not unique.
-        n: as in `turning_pairs`.
-        omega: likewise.
-        period: likewise.
-        steps: likewise.
-    """
-    values, vectors = np.linalg.eig(monodromy)
-    multipliers, verdict = floquet(values, free)
-    turning, rates, vibrations = turning_pairs(values, vectors, n, omega, period, steps)
-    return Spectrum(multipliers, verdict, free, turning, rates, vibrations, steps)
 
 
 def turning_pairs(
     values: Any, vectors: Any, n: int, omega: float, period: float, steps: int
-) -> tuple[NDArray[np.complex128], Array, NDArray[np.complex128]]:
+) -> tuple[NDArray[np.complex128], Array]:
     """The multipliers of lightly damped vibrations, and how they turn with the period.
 
     Steps of length h by the midpoint rule turn the pair of a vibration of angular frequency w by
@@ -444,38 +385,15 @@ def turning_pairs(
         steps: their number in the period.
 
     Returns:
-        The multipliers (K,), one of each pair, their rates d theta / d log T (K,), and L^T q and
-        L^T v T (2, n, K) of their eigenvectors.
+        The multipliers (K,), one of each pair, and their rates d theta / d log T (K,).
     """
     light = (np.abs(values) > LIGHT) & (np.abs(values.imag) > REAL)
     q, v = vectors[:n, light], omega * period * vectors[n : 2 * n, light]
     turns = np.sum((q.conj() * v).imag, axis=0)
     forward = turns > 0.0
-    found, q, v = values[light][forward], q[:, forward], v[:, forward]
-    turns = turns[forward] / np.sum(np.abs(q) ** 2, axis=0)
+    turns = turns[forward] / np.sum(np.abs(q[:, forward]) ** 2, axis=0)
     rates = turns / (1.0 + (turns / (2.0 * steps)) ** 2)
-    return found.astype(np.complex128), np.asarray(rates), np.stack([q, v]).astype(np.complex128)
-
-
-def excitation(vibration: Any, angle: float, rate: float, steps: int) -> float:
-    """How strongly a motion excites a vibration: e, from its pair at an angle.
-
-    From period to period a vibration of angular frequency w that is not excited goes round a circle
-    of (L^T q, L^T v / w), an excited one round an ellipse with
-
-        e / d = |q^T M q + v^T M v / w^2| / (q^H M q + v^H M v / w^2).
-
-    Args:
-        vibration: (2, n) L^T q and L^T v T of the eigenvector.
-        angle: sqrt(d^2 - e^2).
-        rate: d theta / d log T without the excitation, which gives w.
-        steps: number of time steps in the period.
-    """
-    part = min(rate / steps, 1.0)
-    turns = 2.0 * steps * (1.0 - np.sqrt(1.0 - part**2)) / part  # w T
-    q, v = vibration[0], vibration[1] / turns
-    shape = float(abs(q @ q + v @ v) / (np.vdot(q, q) + np.vdot(v, v)).real)
-    return abs(angle) * shape / np.sqrt(max(1.0 - shape**2, REAL))
+    return values[light][forward].astype(np.complex128), np.asarray(rates)
 
 
 def unseen_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
@@ -514,7 +432,7 @@ def _axis_crossings(a: CurvePoint, b: CurvePoint) -> Iterator[Crossing]:
             zero = np.pi * multiple
             sign = 1.0 if multiple % 2 == 0 else -1.0
             angles = float(first[k]) - zero, float(last[k]) - zero
-            yield Crossing(float(sizes[k]), sign, angles, float(rates[k, nearest[k]]))
+            yield Crossing(float(sizes[k]), sign, angles)
 
 
 def _turned(expected: Any, found: NDArray[np.complex128]) -> tuple[Array, Array]:
@@ -526,35 +444,20 @@ def _turned(expected: Any, found: NDArray[np.complex128]) -> tuple[Array, Array]
 def _unstable_near(
     path: Path, a: CurvePoint, b: CurvePoint, crossing: Crossing
 ) -> CurvePoint | None:
-    """A point near a crossing with more unstable multipliers than a and b, or None.
-
-    One march at a place beside the curve shows the pairs there. The point itself is sought only
-    where this march finds an instability, or where no place near the curve is known.
-    """
-    planes = _Planes(path, a, b)
+    """A point near a crossing with more unstable multipliers than a and b, or None."""
+    planes, most = _Planes(path, a, b), max(outside(a), outside(b))
     shares, angles = [0.0, 1.0], list(crossing.angles)
     for _ in range(TRIALS):
         share = shares[0] - angles[0] * (shares[1] - shares[0]) / (angles[1] - angles[0])
-        ends, arc = ([a, b], [0.0, planes.length]), share * planes.length
-        seen: Spectrum | CurvePoint | None = planes.glance(*ends, arc)
-        if seen is None or outside(seen) > max(outside(a), outside(b)):
-            point = planes.point(*ends, arc, exact=False)
-            if point is None or outside(point) > max(outside(a), outside(b)):
-                return point
-            seen = point
-        if seen.turning.size == 0:
+        point = planes.point([a, b], [0.0, planes.length], share * planes.length, exact=False)
+        if point is None or outside(point) > most:
+            return point
+        if point.turning.size == 0:
             return None
-        turns, apart = _turned(crossing.sign * crossing.size, seen.turning)
-        nearest = int(np.argmin(apart))
-        angle, limit = float(turns[nearest]), -NEAR * np.log(crossing.size)
-        if abs(angle) < limit:
+        turns, apart = _turned(crossing.sign * crossing.size, point.turning)
+        angle = float(turns[int(np.argmin(apart))])
+        if abs(angle) < -NEAR * np.log(crossing.size) or not min(angles) < angle < max(angles):
             return None
-        if isinstance(seen, Spectrum) and abs(angle) < CLOSE * limit:
-            vibration = seen.vibrations[:, :, nearest]
-            if excitation(vibration, angle, crossing.rate, seen.steps) < limit:
-                return None
         side = 0 if angle * angles[0] > 0.0 else 1
-        if not min(angles) < angle < max(angles):
-            return None
         shares[side], angles[side] = share, angle
     return None
