@@ -16,6 +16,8 @@ N = 6
 CYCLIC = {"sectors": N, "left": "left", "right": "right"}
 SLIT = 1e-4
 """Angle between the end of a shroud and the cut face, rad."""
+PERIODS = {"steps_per_period": 40, "periods": 2, "steady_tolerance": 0.0}
+"""Two marched periods."""
 STEEL = {"young": 2.1e11, "poisson": 0.3, "density": 7800.0}
 
 
@@ -136,6 +138,18 @@ def scene_of(
         "probe": {"nearest": [0.2, 0.1] if d == 2 else [0.0, 0.0, 0.05]},
     }
     return make_scene(folder=path, **(tables | more))
+
+
+def pushes(order: int, sectors: range, place: Any, along: Any, force: float) -> list[Any]:
+    """Loads of an engine order at a place (1, 3) of some sectors, along directions that turn."""
+    return [
+        {
+            **{"nearest": turned(place, j)[0, :2].tolist(), "force": force},
+            **{"direction": turned(along, j)[0, :2].tolist(), "engine_order": order},
+            "phase": 2.0 * np.pi * order * j / N,
+        }
+        for j in sectors
+    ]
 
 
 def spinning(d: int, coriolis: bool = True) -> dict[str, Any]:

@@ -14,7 +14,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from fenicsrom import build_solid, run, simulate
+from fenicsrom import build_disk, build_solid, run, simulate
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.errors import ErrorKind
@@ -24,8 +24,20 @@ from fenicsrom.online.motion.measures import contact_fractions, friction_dissipa
 from fenicsrom.post.studies.disk_report import disk_report
 from fenicsrom.post.studies.disk_run_report import contacts, sentences
 from fenicsrom.study.analyses import nodal_diameters
-from tests.disks import CYCLIC, N, copied, extruded, scene_of, shrouded, spinning, turned, wedged
-from tests.fem.test_disk_run import marched_alone, sector_of
+from tests.disks import (
+    CYCLIC,
+    PERIODS,
+    N,
+    copied,
+    extruded,
+    pushes,
+    scene_of,
+    shrouded,
+    spinning,
+    turned,
+    wedged,
+)
+from tests.fem.test_disk_run import marched_alone
 from tests.support import refusal
 
 MIDDLE = np.pi / N
@@ -42,16 +54,11 @@ def tables(
     points: Any, sectors: range, order: int = 2, force: float = 1e4, **more: Any
 ) -> dict[str, Any]:
     """Loads of an engine order at the tips of some sectors; `more` are other tables."""
-    loads = []
-    for j in sectors:
-        place, along = (turned(x, j)[0, :2].tolist() for x in (points[TIP : TIP + 1], ACROSS))
-        phase = {"engine_order": order, "phase": 2.0 * np.pi * order * j / N}
-        loads.append({"nearest": place, "direction": along, "force": force, **phase})
     given = {
-        "loads": loads,
+        "loads": pushes(order, sectors, points[TIP : TIP + 1], ACROSS, force),
         "damping": {"stiffness": 2e-5},
         "basis": {"modes": 20},
-        "time": {"steps_per_period": 40, "periods": 2, "steady_tolerance": 0.0},
+        "time": PERIODS,
         "geometrically_nonlinear": False,
         "probe": {"nearest": points[TIP, :2].tolist()},
     }
@@ -184,12 +191,11 @@ def test_shrouded_blades_swing_as_those_of_the_whole_disk(tmp_path: Path) -> Non
 
 def test_order_of_all_sectors_moves_shrouds_as_those_of_one_sector(tmp_path: Path) -> None:
     """With a step that does not depend on how stiff a contact point alone is."""
-    time = {"steps_per_period": 40, "periods": 2, "steady_tolerance": 0.0}
     more = {"basis": {"modes": 20, "masters": "all"}}
-    more["time"] = time | {"scheme": "average-acceleration"}
+    more["time"] = PERIODS | {"scheme": "average-acceleration"}
     scene = sector_scene(tmp_path, shrouded(), order=N, force=2e4, **more)
     whole = run(scene, MPI.COMM_SELF)
-    found, wanted = whole.motion, marched_alone(sector_of(scene), scene)
+    found, wanted = whole.motion, marched_alone(build_disk(scene).sector, scene)
     assert 0.1 < np.mean(wanted.state == 0)
     assert "mm, and stand 37.5 mm apart" in " ".join(whole.warnings)  # in one sector
     error = np.abs(found.displacement - np.tile(wanted.displacement, (1, N, 1))).max()

@@ -14,7 +14,7 @@ pytest.importorskip("meshio")
 pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
-from fenicsrom import load_disk, response, simulate
+from fenicsrom import build_disk, load_disk, response, simulate
 from fenicsrom.assess.curves import balance_walk
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.curves.balance_curve import BalanceCurve, first_motion
@@ -26,7 +26,7 @@ from fenicsrom.online.periodic.shooting import frequency_family
 from fenicsrom.post.base.origin import RESULTS
 from tests.disks import CYCLIC, N, bladed, scene_of, shrouded, spinning
 from tests.fem.test_disk_contact import sector_scene as touching
-from tests.fem.test_disk_run import sector_of, tables
+from tests.fem.test_disk_run import tables
 from tests.support import refusal
 
 
@@ -77,7 +77,7 @@ def test_wave_with_friction_is_that_of_the_marched_disk(tmp_path: Path, order: i
     Order 5 is a forward wave of one nodal diameter. The Coriolis force tells the sense of a wave.
     """
     scene = blades(tmp_path, order, 170.0)
-    sector = sector_of(scene)
+    sector = build_disk(scene).sector
     found, motions = balanced(sector, scene), []
     for count in (48, 96):
         amplitudes, lost = marched(sector, scene, count)
@@ -102,7 +102,7 @@ def test_wave_of_blades_that_touch_is_that_of_the_marched_disk(tmp_path: Path) -
     falls with the square of the step on average only: 4e-3, 1.4e-3, 2.2e-4 for 48, 96, 192 steps.
     """
     scene = touching(tmp_path, shrouded(), order=2, damping={"stiffness": 2e-3})
-    sector = sector_of(scene)
+    sector = build_disk(scene).sector
     found, moved = balanced(sector, scene), marched(sector, scene, 192)[0][0]
     assert abs(moved - found.amplitude[0]).max() < 2.5e-4 * moved.max()
     assert np.all(found.states & 2)  # all slip
@@ -112,7 +112,7 @@ def test_wave_of_blades_that_touch_is_that_of_the_marched_disk(tmp_path: Path) -
 def test_large_waves_are_those_of_the_marched_disk(tmp_path: Path) -> None:
     """At 6 % of the length of the blades, where a linear disk would move twice as far."""
     scene = blades(tmp_path, 2, 170.0, 1e4, geometrically_nonlinear=True)
-    sector = sector_of(scene)
+    sector = build_disk(scene).sector
     found = balanced(sector, scene)
     linear = balanced(
         sector._replace(interior=sector.interior._replace(cubic=np.zeros((0, 0)))), scene
@@ -137,7 +137,7 @@ def linear_wave(sector: Any, scene: Any) -> tuple[Any, Any]:
 def test_linear_wave_without_contact_is_that_of_the_matrices_of_the_disk(tmp_path: Path) -> None:
     more = {"contacts": [], "probe": {"nearest": [0.26, 0.15]}}
     scene = blades(tmp_path, 2, 170.0, **more)
-    sector = sector_of(scene)
+    sector = build_disk(scene).sector
     disk, q = linear_wave(sector, scene)
     moved = np.abs(disk.probes @ q).reshape(N, -1)
     found = balanced(sector, scene)
@@ -147,7 +147,7 @@ def test_linear_wave_without_contact_is_that_of_the_matrices_of_the_disk(tmp_pat
 def test_wave_of_shrouds_that_stick_is_that_of_the_matrices_of_the_disk(tmp_path: Path) -> None:
     """The contact rows of a sector have a part of the next one, which moves by the lag."""
     scene = touching(tmp_path, shrouded(), force=1.0)
-    sector = sector_of(scene)
+    sector = build_disk(scene).sector
     disk, q = linear_wave(sector, scene)
     found = balanced(sector, scene)
     assert np.all(found.states == STICKS)

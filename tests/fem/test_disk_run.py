@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,7 +35,6 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.exchange.deck import scene_deck
 from fenicsrom.fem.body.stress_points import stress_table
 from fenicsrom.fem.full.full import full_model
-from fenicsrom.fem.solid.fixed_sector import reduced_sector, wave_error
 from fenicsrom.notes import NoteKind
 from fenicsrom.online.model.disk_model import Sector, disk_model, disk_scene
 from fenicsrom.online.model.model import reduced_model
@@ -46,7 +44,20 @@ from fenicsrom.online.store.scene_changes import changed_scene, shares_model
 from fenicsrom.online.stress.stress import von_mises
 from fenicsrom.post.base.origin import RESULTS
 from fenicsrom.post.studies.disk_run_report import report
-from tests.disks import CYCLIC, STEEL, N, bladed, copied, hub, ring, scene_of, spinning, turned
+from tests.disks import (
+    CYCLIC,
+    PERIODS,
+    STEEL,
+    N,
+    bladed,
+    copied,
+    hub,
+    pushes,
+    ring,
+    scene_of,
+    spinning,
+    turned,
+)
 from tests.support import assert_tangent, refusal
 
 DEMOS = Path(__file__).parents[2] / "demos"
@@ -66,19 +77,17 @@ def tables(
 
     `at` holds the place, the direction of the load and the normal of the wall of sector 0.
     """
-    loads, walls = [], []
+    walls, (place, along, across) = [], at
     for j in sectors:
-        place, along, normal = (turned(x, j)[0, :2].tolist() for x in at)
-        phase = {"engine_order": order, "phase": 2.0 * np.pi * order * j / N}
-        loads.append({"nearest": place, "direction": along, "force": force, **phase})
-        wall = {"nearest": place, "normal": normal, "preload": preload, "friction": 0.3}
+        where, normal = (turned(x, j)[0, :2].tolist() for x in (place, across))
+        wall = {"nearest": where, "normal": normal, "preload": preload, "friction": 0.3}
         walls.append({**wall, "normal_stiffness": stiffness, "tangential_stiffness": stiffness})
     return {
-        "loads": loads,
+        "loads": pushes(order, sectors, place, along, force),
         "contacts": walls,
         "damping": {"stiffness": 5e-6},
         "basis": {"modes": 20},
-        "time": {"steps_per_period": 40, "periods": 2, "steady_tolerance": 0.0},
+        "time": PERIODS,
         "geometrically_nonlinear": False,
     }
 
@@ -87,11 +96,6 @@ def sector_scene(path: Path, order: int, **more: Any) -> Any:
     """The scene of one sector."""
     given = {"cyclic": CYCLIC, "rotation": spinning(2), **tables(order, range(1))}
     return scene_of(path, *ring(), **(given | more))
-
-
-def sector_of(scene: Any) -> Sector:
-    """The reduced sector of a scene."""
-    return reduced_sector(build_solid(scene, MPI.COMM_SELF), scene, lambda stage: nullcontext())
 
 
 def moved(scene: Any) -> Motion:
@@ -231,7 +235,7 @@ def marched_alone(sector: Sector, scene: Any) -> Any:
 def test_order_of_all_sectors_moves_them_as_one(tmp_path: Path) -> None:
     """Order N: the disk is the sector whose faces move alike."""
     scene = sector_scene(tmp_path, N)
-    sector, whole = sector_of(scene), disk_scene(scene)
+    sector, whole = build_disk(scene).sector, disk_scene(scene)
     found = simulate(disk_model(sector, whole, np.zeros(N)), whole).displacement
     wanted = marched_alone(sector, scene).displacement
     np.testing.assert_allclose(found, np.repeat(wanted, N, 1), atol=1e-10 * abs(wanted).max())
@@ -261,13 +265,12 @@ def test_mistuned_blades_are_amplified_as_in_an_independent_disk() -> None:
         geometrically_nonlinear=False,
         basis={"modes": 8},
     )
-    body, whole = build_solid(scene, MPI.COMM_SELF), disk_scene(scene)
-    sector = reduced_sector(body, scene, lambda stage: nullcontext())
-    between, error = wave_error(body, scene, sector)
+    found, whole = build_disk(scene, comm=MPI.COMM_SELF), disk_scene(scene)
+    between, error = found.wave_error
     assert between == 7 and error < 1e-4  # not among those of the faces
 
     def largest(delta: Any) -> float:
-        disk = disk_model(sector, whole, delta)
+        disk = disk_model(found.sector, whole, delta)
         stiffness = disk.elastic(np.zeros(disk.mass.shape[0]))[1].toarray()
         squares, modes = scipy.linalg.eigh(
             stiffness, disk.mass.toarray(), subset_by_index=[0, 2 * count - 1]
@@ -280,9 +283,9 @@ def test_mistuned_blades_are_amplified_as_in_an_independent_disk() -> None:
 
     draws = [np.random.default_rng(seed).standard_normal(count) for seed in range(6)]
     tuned = largest(np.zeros(count))
-    found = np.array([largest(0.01 * draw) for draw in draws]) / tuned
-    assert found.mean() == pytest.approx(1.74, rel=5e-3)
-    assert found.max() == pytest.approx(1.88, rel=5e-3)
+    amplified = np.array([largest(0.01 * draw) for draw in draws]) / tuned
+    assert amplified.mean() == pytest.approx(1.74, rel=5e-3)
+    assert amplified.max() == pytest.approx(1.88, rel=5e-3)
 
 
 def test_mistuned_run_reports_amplification_and_shares(
@@ -350,7 +353,7 @@ def test_run_of_a_disk_refuses_what_it_cannot_do(
 
 def test_damping_by_stiffness_changes_with_it_and_coriolis_forces_do_not(tmp_path: Path) -> None:
     scene = sector_scene(tmp_path, 1)
-    sector = sector_of(scene)
+    sector = build_disk(scene).sector
     tuned, mistuned = (
         disk_model(sector, disk_scene(scene), delta).velocity_matrix.toarray()
         for delta in (np.zeros(N), np.full(N, 0.25))
@@ -363,7 +366,7 @@ def test_damping_by_stiffness_changes_with_it_and_coriolis_forces_do_not(tmp_pat
 def test_forces_of_a_mistuned_disk_are_the_slopes_of_its_energy(tmp_path: Path) -> None:
     """In large motions, at an instant and over a step."""
     scene = sector_scene(tmp_path, 1, geometrically_nonlinear=True, basis={"modes": 1})
-    disk = disk_model(sector_of(scene), disk_scene(scene), 0.1 * np.arange(N))
+    disk = disk_model(build_disk(scene).sector, disk_scene(scene), 0.1 * np.arange(N))
     q0, dq = 0.3 * np.random.default_rng(0).standard_normal((2, len(disk.loads)))
 
     def over_step(x: Any, points: Any = (0.2, 0.8), weights: Any = (0.6, 0.4)) -> tuple[Any, Any]:

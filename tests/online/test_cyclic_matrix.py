@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fenicsrom.online.model.cyclic_matrix import CyclicMatrix
+from fenicsrom.online.model.cyclic_matrix import COLUMNS, CyclicMatrix
 
 M = 2
 
@@ -23,7 +23,7 @@ def test_matrix_of_sectors_agrees_with_the_full_one(
         places = np.concatenate([own[j], own[(j + neighbour) % sectors][inside:]])
         wanted[np.ix_(places, places)] += blocks[j]
     np.testing.assert_allclose(matrix.toarray(), wanted, atol=1e-12)
-    z, block = rng.standard_normal(size), rng.standard_normal((size, 5))
+    z, block = rng.standard_normal(size), rng.standard_normal((size, COLUMNS + 5))
     np.testing.assert_allclose(matrix @ z, wanted @ z, rtol=1e-12, atol=1e-12)
     inverse, given = matrix.inverse(), block.copy()
     np.testing.assert_allclose(inverse(block), np.linalg.solve(wanted, block), atol=1e-13)

@@ -110,7 +110,8 @@ def refused(text: str, *overrides: str, folder: Path | None = None) -> tuple[Err
     with pytest.raises(SceneError) as caught:
         parse(text, *overrides, folder=folder)
     error = caught.value
-    assert str(error).startswith(f"s.toml: {error.key} ") and str(error).isprintable()
+    begins = tuple(f"s.toml: {error.key}{after}" for after in (" ", ": "))
+    assert str(error).startswith(begins) and str(error).isprintable()
     assert error.source == "s.toml"
     return error.kind, error.key
 

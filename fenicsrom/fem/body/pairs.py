@@ -277,8 +277,7 @@ def opposite(
         whole: take the hats of the corners of the facets of A, and not those of their parts.
     """
     a, b, *others = sides
-    may_be_next = body.cut is not None and isinstance(pair, Contact) and not pair.neighbour
-    elsewhere = "; if it touches the next sector, set neighbour = true" * may_be_next
+    elsewhere = _elsewhere(body, pair)
     facets, points, weights, corners, hats = _quadrature(a, whole)
     x, along, shapes = a.at(facets, points)
     on, place, distance = b.closest(x)
@@ -443,7 +442,8 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
     if (depth := -float(gap.min())) > INSIDE * sides[0].size.mean() and told is gap:
         worst = x[np.argmin(gap)].round(6).tolist()
         reason = f"the first region lies up to {depth:.3g} m inside {contact.against!r}, near "
-        raise _refused(body, f"{reason}{worst}; correct the mesh, or give contacts.gap", key)
+        reason += f"{worst}; correct the mesh, or give contacts.gap{_elsewhere(body, contact)}"
+        raise _refused(body, reason, key)
     turned = scipy.sparse.bsr_array((frames, np.arange(len(x)), np.arange(len(x) + 1)))
     parts = [around.moved] if not sense else [around.first, -around.second][::sense]
     rows = [csr_array(turned @ part) for part in parts]
@@ -478,6 +478,12 @@ def tell(
             f"{pair.against!r}, whose nodes may pass between its points: exchange the two"
         )
         body.warnings.append(Note(NoteKind.IMPLAUSIBLE, text, place))
+
+
+def _elsewhere(body: Any, pair: Contact | Tie) -> str:
+    """What to do if the second region belongs to the next sector of a disk."""
+    may_be_next = body.cut is not None and isinstance(pair, Contact) and not pair.neighbour
+    return "; if it touches the next sector, set neighbour = true" * may_be_next
 
 
 def _refused(body: Any, reason: str, key: str) -> SceneError:

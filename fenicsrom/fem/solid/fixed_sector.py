@@ -85,8 +85,9 @@ def stored_disk(scene: Scene, mesh: Mesh, timed: Timer) -> StoredDisk:
         timed: gives a context that times the stage of a name.
 
     Raises:
-        SceneError, ConvergenceError, AccuracyError: as `solid_of`, `reduced_sector` and, with
-            `interface` vectors that motions choose, `train`.
+        SceneError: as `solid_of`; or the cut faces meet on the axis.
+        ConvergenceError, AccuracyError: as `solid_of` and, with `interface` vectors that motions
+            choose, `train`; or the modes were not found.
     """
     with timed("solid"):
         body = solid_of(scene, mesh)
@@ -119,22 +120,6 @@ def stored_disk(scene: Scene, mesh: Mesh, timed: Timer) -> StoredDisk:
         notes=packed(body.warnings),
         provenance=provenance(),
     )
-
-
-def reduced_sector(sector: Solid, scene: Scene, timed: Timer) -> Sector:
-    """Reduce a sector whose cut faces are free. Collective.
-
-    Args:
-        sector: the sector, in its equilibrium.
-        scene: its scene, with the table [cyclic].
-        timed: gives a context that times the stage of a name.
-
-    Raises:
-        SceneError: the cut faces meet on the axis.
-        ConvergenceError, AccuracyError: the modes were not found.
-    """
-    with _Cut(sector, scene, timed) as cut:
-        return cut.reduced(WAVES, cut.basis())[0]
 
 
 class _Cut:

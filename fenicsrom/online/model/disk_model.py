@@ -30,13 +30,12 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.kernels.compilation import compiled
 from fenicsrom.online.kernels.dense import negative_eigenvalues
 from fenicsrom.online.model.cyclic_matrix import CyclicMatrix
 from fenicsrom.online.model.loads import histories_of
-from fenicsrom.online.model.matrices import DenseModel
+from fenicsrom.online.model.matrices import DenseModel, Progress
 from fenicsrom.online.model.model import ReducedModel, Tangent
-from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force_with
+from fenicsrom.online.model.polynomial import ElasticPolynomial, pair_numbers, pairs
 from fenicsrom.scene import Load, Scene
 from fenicsrom.scene.keys.rotation import Deviation
 
@@ -112,17 +111,25 @@ class DiskModel(DenseModel):
         """Begin without a factor; a contact row reaches few coordinates."""
         super().__post_init__()
         self._rows = csr_array(self.contact_rows)
+        self.exact_newton, self._progress = self.linear, Progress(self.dot)
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
     ) -> tuple[Array, Tangent]:
         """Mean force over a step and its derivative by dq."""
+        self._progress.note(q0, dq)
         force, matrix, coefficient = self.forces.mean(q0, dq, points, weights)
         return start_weight * start + force, Tangent(matrix, coefficient)
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force (n,) and energy."""
         return self.forces.at(q)
+
+    def keeps_factor(self, mass_coefficient: float) -> bool:
+        """A nonlinear step keeps S of its first iteration as long as the iteration contracts."""
+        progress = self._progress
+        fast = mass_coefficient > 0.0 and not (progress.is_first or progress.is_slow)
+        return self.linear or fast
 
     def inverse(self, matrix: Any) -> Callable[[Array], Array]:
         """The inverse of a `CyclicMatrix` times a block (n, k); NaN if the matrix is singular."""
@@ -205,16 +212,15 @@ class _Forces:
         self._stiffness = sector.of_disk(sectors, factors * elastic.stiffness)
         every = np.broadcast_to(elastic.force, (sectors, sector.model.size))
         self._force = self._stiffness.summed(every)
-        e = interior.force.size
-        self._polynomial = interior._replace(force=np.zeros(e), stiffness=np.zeros((e, e)))
-        self._columns = np.ascontiguousarray(interior.quadratic.T)
+        self._interior, e = interior, interior.force.size
+        self._pairs, self._numbers = pairs(e), pair_numbers(e)
         self._factors = np.ascontiguousarray(np.broadcast_to(factors[:, 0, 0], sectors))
         self._copies = sectors // len(factors)
         self.linear = not interior.cubic.size
 
     def _inside(self, q: Array) -> Array:
         """η (N, e) in the coordinates of the disk, or of a force on them."""
-        return q.reshape(self._factors.size, -1)[:, : self._polynomial.force.size]
+        return q.reshape(self._factors.size, -1)[:, : self._interior.force.size]
 
     def mean(self, q0: Array, dq: Array, points: Array, weights: Array) -> tuple[Array, Any, float]:
         """Mean force along a step, its derivative by dq (a `CyclicMatrix`) and its coefficient.
@@ -245,31 +251,19 @@ class _Forces:
         return force, energy
 
     def _terms(self, eta: Array, weights: Array, levers: Array) -> tuple[Array, Array, float]:
-        """Weighted forces (N, e), tangents (N, e, e) and the energy at points η (g, N, e)."""
-        forces, tangents = np.zeros(eta.shape[1:]), np.zeros((*eta.shape[1:], eta.shape[2]))
-        energy = _add_terms(
-            self._polynomial, self._columns, self._factors, eta, weights, levers, forces, tangents
-        )
-        return forces, tangents, float(energy)
+        """Weighted forces (N, e), tangents (N, e, e) and the energy at points η (g, N, e).
 
-
-@compiled
-def _add_terms(elastic, columns, factors, eta, weights, levers, forces, tangents):  # type: ignore[no-untyped-def]
-    """Add weighted forces and tangents at η (g, N, e); returns the sum of the energies, J."""
-    e = eta.shape[2]
-    points, products = np.empty((1, e)), np.empty((3, 1, elastic.cubic.shape[0]))
-    force, tangent, energy = np.empty(e), np.empty((e, e)), 0.0
-    for g in range(weights.size):
-        for j in range(factors.size):
-            weight, lever = weights[g] * factors[j], levers[g] * factors[j]
-            energy += factors[j] * elastic_force_with(
-                elastic, columns, points, products, eta[g, j], force, tangent
-            )
-            for i in range(e):
-                forces[j, i] += weight * force[i]
-                for k in range(e):
-                    tangents[j, i, k] += lever * tangent[i, k]
-    return energy
+        a and b are those of `fenicsrom.online.model.polynomial`, of all sectors at once.
+        """
+        (first, second), number = self._pairs, self._numbers
+        a = eta @ self._interior.quadratic.T
+        b = (eta[..., first] * eta[..., second]) @ self._interior.cubic.T
+        own = (a / 2.0 + b / 3.0)[..., number] @ eta[..., None]
+        energies = ((a / 6.0 + b / 12.0)[..., number] @ eta[..., None])[..., 0] * eta
+        factors = self._factors[:, None]
+        forces = factors * np.tensordot(weights, own[..., 0], 1)
+        tangents = (factors * np.tensordot(levers, a + b, 1))[:, number]
+        return forces, tangents, float(np.sum(factors * energies))
 
 
 def deviations(scene: Scene) -> Array:

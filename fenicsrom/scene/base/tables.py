@@ -23,7 +23,7 @@ from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-from fenicsrom.errors import ErrorKind
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base.rules import Problems, Rule, Where, array, is_number, is_sequence
 
 T = TypeVar("T")
@@ -242,9 +242,14 @@ def value_at(table: Any, key: str) -> Any:
 
 
 def require_none(problems: Problems, table: Any, where: Where) -> None:
-    """Raise the error of the first problem of a table, whose place is given."""
+    """Raise the error of the first problem of a table, whose place is given.
+
+    The error shows the value of the key, unless it is a table or a list of tables.
+    """
     for key, allowed, kind, value in problems:
         value = value_at(plain(table), key) if value is None else value
+        if any(isinstance(each, Mapping) for each in (value if is_sequence(value) else [value])):
+            raise refuse(where.source, allowed, kind, where.at(key).key)
         raise where.at(key).refuse(MISSING if value is None else value, allowed, kind)
 
 

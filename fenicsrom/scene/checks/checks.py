@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Any
 
-from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.base.rules import POINT_SCHEMA, Problem, Problems, Rule, Where
+from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.scene.base.rules import POINT_SCHEMA, Problem, Problems, Rule
 from fenicsrom.scene.base.tables import entries
 from fenicsrom.scene.checks import curve_checks
 from fenicsrom.scene.checks.contact_checks import (
@@ -308,12 +308,8 @@ def require_no_sector(scene: Scene, command: str) -> None:
     """
     if scene.cyclic is not None:
         allowed = f"not allowed in fenicsrom {command}: sectors of disks are allowed in fenicsrom "
-        where = Where(scene.source, "cyclic")
-        raise where.refuse(
-            "a table",
-            f"{allowed}run, sweep, response, modes, campbell and plan",
-            ErrorKind.CONFLICT,
-        )
+        allowed += "run, sweep, response, modes, campbell and plan"
+        raise refuse(scene.source, allowed, ErrorKind.CONFLICT, "cyclic")
 
 
 def _load_problems(load: Load, key: str) -> Problems:

@@ -54,7 +54,7 @@ def joined_problems(scene: Scene) -> Problems:
         if scene.basis.masters == "motion":
             yield Problem("basis.masters", "only allowed with a contact against a region")
         if scene.bolts:
-            yield Problem("bolts", "only allowed with a contact against a region", value="a table")
+            yield Problem("bolts", "only allowed with a contact against a region")
         return
     why = "with a contact against a region of the body"
     for k, contact in enumerate(scene.contacts):
@@ -111,9 +111,9 @@ def abradable_problems(scene: Scene, contact: Contact, key: str) -> Problems:
     for name in ("response", "backbone"):
         if getattr(scene, name) is not None:
             allowed = f"not allowed with {key}.abradable: a surface that wears does not repeat"
-            yield Problem(name, allowed, value="a table")
+            yield Problem(name, allowed)
     if (out_of_place := _out_of_place(scene, contact.surface, 1, f"{key}.abradable")) is not None:
-        yield Problem(f"{key}.abradable", out_of_place, ErrorKind.RANGE, value="a table")
+        yield Problem(f"{key}.abradable", out_of_place, ErrorKind.RANGE)
 
 
 def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:

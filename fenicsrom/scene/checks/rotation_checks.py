@@ -50,7 +50,7 @@ def cyclic_problems(scene: Scene) -> Problems:
             allowed = f"must be at most {cyclic.sectors // 2}, half the number of sectors"
             yield Problem(f"cyclic.diameters[{k}]", allowed, ErrorKind.RANGE)
     if scene.bolts:
-        yield Problem("bolts", "not allowed with [cyclic]", value="tables")
+        yield Problem("bolts", "not allowed with [cyclic]")
     chosen = scene.output.sectors
     if not isinstance(chosen, str) and max(chosen, default=0) >= cyclic.sectors:
         allowed = f'must be "all", or numbers below {cyclic.sectors}'
