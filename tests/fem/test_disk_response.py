@@ -45,7 +45,7 @@ def blades(path: Path, order: int, hertz: float, force: float = 2e3, **more: Any
 def balanced(sector: Any, scene: Any, sense: float = 1.0) -> CurvePoint:
     """The motion of the sector in the wave, or in one of the other sense."""
     problem = Problem.of(sector.model, scene).settled()
-    balance = Balance(problem, 21, sector, sense * lag_of(scene), 4)
+    balance = Balance(problem, 21, sector, sense * lag_of(scene), 4, scene.damping.modal)
     s, f = balance.linear(problem), 1.0 / problem.period
     assert s is not None
     path = BalanceCurve(balance, frequency_family(problem), 0.5 * f, 2.0 * f, s)
@@ -70,13 +70,15 @@ def marched(sector: Any, scene: Any, steps: int) -> tuple[Any, Any]:
     return np.array(amplitudes), (lost[-1] - lost[0]) / N
 
 
-@pytest.mark.parametrize("order", [2, 5])
-def test_wave_with_friction_is_that_of_the_marched_disk(tmp_path: Path, order: int) -> None:
+@pytest.mark.parametrize(("order", "damping"), [(2, {"stiffness": 3e-4}), (5, {"ratios": 0.15})])
+def test_wave_with_friction_is_that_of_the_marched_disk(
+    tmp_path: Path, order: int, damping: dict[str, float]
+) -> None:
     """Below the resonance of the blades: the difference falls with the square of the step.
 
     Order 5 is a forward wave of one nodal diameter. The Coriolis force tells the sense of a wave.
     """
-    scene = blades(tmp_path, order, 170.0)
+    scene = blades(tmp_path, order, 170.0, damping=damping)
     sector = build_disk(scene).sector
     found, motions = balanced(sector, scene), []
     for count in (48, 96):
@@ -134,14 +136,19 @@ def linear_wave(sector: Any, scene: Any) -> tuple[Any, Any]:
     return disk, np.linalg.solve(stiffness + 1j * omega * damping - omega**2 * mass, push)
 
 
-def test_linear_wave_without_contact_is_that_of_the_matrices_of_the_disk(tmp_path: Path) -> None:
-    more = {"contacts": [], "probe": {"nearest": [0.26, 0.15]}}
+@pytest.mark.parametrize("damping", [{"stiffness": 3e-4}, {"ratios": [0.02, 0.005]}])
+def test_linear_wave_without_contact_is_that_of_the_matrices_of_the_disk(
+    tmp_path: Path, damping: dict[str, Any]
+) -> None:
+    more = {"contacts": [], "probe": {"nearest": [0.26, 0.15]}, "damping": damping}
     scene = blades(tmp_path, 2, 170.0, **more)
     sector = build_disk(scene).sector
     disk, q = linear_wave(sector, scene)
     moved = np.abs(disk.probes @ q).reshape(N, -1)
     found = balanced(sector, scene)
     np.testing.assert_allclose(found.amplitude, moved[:1], rtol=1e-10)
+    lost = np.pi * 2.0 * np.pi / scene.period * (q.conj() @ disk.velocity_matrix.toarray() @ q) / N
+    assert found.damping_dissipation == pytest.approx(lost.real, rel=1e-9)
 
 
 def test_wave_of_shrouds_that_stick_is_that_of_the_matrices_of_the_disk(tmp_path: Path) -> None:

@@ -334,7 +334,7 @@ def test_mistuned_run_reports_amplification_and_shares(
 @pytest.mark.parametrize(
     ("kind", "key", "more", "said"),
     [
-        (ErrorKind.CONFLICT, "damping.ratios", {"damping": {"ratios": 0.01}}, "damping.stiffness"),
+        (ErrorKind.RANGE, "damping.ratios", {"damping": {"ratios": 0.01, "modes": 90}}, "90"),
         (
             ErrorKind.CONFLICT,
             "output.animation",
@@ -349,6 +349,26 @@ def test_run_of_a_disk_refuses_what_it_cannot_do(
 ) -> None:
     with refusal(kind, key=key, names=said):
         run(sector_scene(tmp_path, 1, **more))
+
+
+def test_ratios_damp_the_families_of_waves(tmp_path: Path) -> None:
+    """One ratio for all families: C M⁻¹ C = 4 ζ² K; the march balances its energy."""
+    more = {"rotation": spinning(2, False), "damping": {"ratios": 0.01, "modes": 3}}
+    scene = sector_scene(tmp_path, 1, **more)
+    sector, whole = build_disk(scene).sector, disk_scene(scene)
+    few = simulate(disk_model(sector, whole, np.zeros(N)), whole)
+    assert few.relative_imbalance < 1e-10 and few.damping_dissipation[-1] > 0.0
+    every = (0.01,) * (sector.model.size - sector.shapes)
+    whole = replace(whole, damping=replace(whole.damping, ratios=every))
+    disk = disk_model(sector, whole, np.zeros(N))
+    damping, stiffness = disk.velocity_matrix.toarray(), disk.elastic(0.0 * disk.load(0.0))[1]
+    found = damping @ np.linalg.solve(disk.mass.toarray(), damping)
+    wanted = 4e-4 * stiffness.toarray()
+    np.testing.assert_allclose(found, wanted, atol=1e-9 * np.abs(wanted).max())
+    z = np.random.default_rng(1).standard_normal(len(damping))
+    np.testing.assert_allclose(
+        disk.velocity_matrix @ z, damping @ z, atol=1e-10 * abs(damping).max()
+    )
 
 
 def test_damping_by_stiffness_changes_with_it_and_coriolis_forces_do_not(tmp_path: Path) -> None:

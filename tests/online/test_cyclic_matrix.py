@@ -1,5 +1,7 @@
 """Matrices of disks: products and inverses agree with full matrices."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,10 +10,11 @@ from fenicsrom.online.model.cyclic_matrix import COLUMNS, CyclicMatrix
 M = 2
 
 
+@pytest.mark.parametrize("reach", [False, True])
 @pytest.mark.parametrize("neighbour", [1, -1])
 @pytest.mark.parametrize(("sectors", "inside"), [(3, 3), (7, 3), (4, 0)])
 def test_matrix_of_sectors_agrees_with_the_full_one(
-    sectors: int, inside: int, neighbour: int
+    sectors: int, inside: int, neighbour: int, reach: bool
 ) -> None:
     rng, n = np.random.default_rng(1), inside + 2 * M
     blocks = rng.standard_normal((sectors, n, n)) + 2.0 * n * np.eye(n)
@@ -22,6 +25,11 @@ def test_matrix_of_sectors_agrees_with_the_full_one(
     for j in range(sectors):
         places = np.concatenate([own[j], own[(j + neighbour) % sectors][inside:]])
         wanted[np.ix_(places, places)] += blocks[j]
+    columns = rng.standard_normal((size, 2 * reach))
+    matrix = 2.0 * (0.5 * matrix + 0.0 * matrix)
+    if reach:
+        matrix = matrix + 0.5 * replace(0.0 * matrix, columns=columns, weight=6.0)
+        wanted += 3.0 * columns @ columns.T
     np.testing.assert_allclose(matrix.toarray(), wanted, atol=1e-12)
     z, block = rng.standard_normal(size), rng.standard_normal((size, COLUMNS + 5))
     np.testing.assert_allclose(matrix @ z, wanted @ z, rtol=1e-12, atol=1e-12)

@@ -46,7 +46,9 @@ def balance_of(stored: Reduced, family: Family, harmonics: int, finer: int = 1) 
     """The equations of the motions of a model with so many harmonics."""
     problem = family(response_table(stored.scene).high)
     if isinstance(stored, StoredDisk):
-        return Balance(problem, harmonics, stored.sector, lag_of(stored.scene), finer)
+        scene = stored.scene
+        lag, ratios = lag_of(scene), scene.damping.modal
+        return Balance(problem, harmonics, stored.sector, lag, finer, ratios)
     return Balance(problem, harmonics, finer=finer)
 
 

@@ -9,7 +9,7 @@ only the vibrations about this equilibrium are linear.
 
 from collections.abc import Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -135,6 +135,8 @@ class Solid(ElasticBody):
         self.geometrically_nonlinear = scene.geometrically_nonlinear
         self.mass_damping = scene.material.mass_damping
         self._damping = scene.damping
+        if scene.cyclic is not None:  # the ratios are those of the waves of the disk
+            self._damping = replace(scene.damping, ratios=())
         self.excitation = highest_frequency(scene)
         self.loads = scene.loads
         self._tangent_workspace: PETSc.Mat | None = None

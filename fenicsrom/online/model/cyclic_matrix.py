@@ -16,7 +16,7 @@ left is a cyclic matrix each time (Hockney, J. ACM 12, 1965). The effort is prop
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -30,19 +30,23 @@ COLUMNS = 36
 
 @dataclass(frozen=True, eq=False)
 class CyclicMatrix:
-    """The matrix (1), with the operators that a time step asks of a matrix.
+    """The matrix (1) plus w U Uᵀ, with the operators that a time step asks of a matrix.
 
     Attributes:
         sectors: N.
         blocks: (N, n, n) A_j, or (1, n, n) if those of all sectors are equal.
         shapes: m, the number of y, and of y′.
         neighbour: 1 or -1: y′ of sector j is y of sector j + neighbour.
+        columns: U (size, r), few columns that reach all sectors.
+        weight: w; 0 without such columns. A sum has those of one of its matrices.
     """
 
     sectors: int
     blocks: Array
     shapes: int
     neighbour: int
+    columns: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    weight: float = 0.0
 
     __array_ufunc__ = None  # numpy leaves its products to this class
 
@@ -73,27 +77,48 @@ class CyclicMatrix:
         """The product with a vector (size,)."""
         q = self.of_sectors(z)
         if len(self.blocks) == 1:
-            return self.summed(q @ self.blocks[0].T)
-        return self.summed((self.blocks @ q[:, :, None])[:, :, 0])
+            found = self.summed(q @ self.blocks[0].T)
+        else:
+            found = self.summed((self.blocks @ q[:, :, None])[:, :, 0])
+        if self.weight:
+            found += self.weight * self.columns @ (self.columns.T @ z)
+        return found
 
     def __rmul__(self, factor: float) -> CyclicMatrix:
         """The product with a number."""
-        return replace(self, blocks=factor * self.blocks)
+        return replace(self, blocks=factor * self.blocks, weight=factor * self.weight)
 
     def __add__(self, other: CyclicMatrix) -> CyclicMatrix:
         """The sum with a matrix of the same sectors."""
-        return replace(self, blocks=self.blocks + other.blocks)
+        more = self if self.weight else other
+        columns, weight = more.columns, self.weight + other.weight
+        return replace(self, blocks=self.blocks + other.blocks, columns=columns, weight=weight)
 
     def toarray(self) -> Array:
         """The full matrix (size, size)."""
-        return self.summed(self.blocks @ self.of_sectors(np.eye(self.shape[0])))
+        found = self.summed(self.blocks @ self.of_sectors(np.eye(self.shape[0])))
+        return found + self.weight * self.columns @ self.columns.T if self.weight else found
 
     def inverse(self) -> Callable[[Array], Array]:
-        """The inverse times vectors (size, k), or one (size,); NaN if the matrix is singular."""
+        """The inverse times vectors (size, k), or one (size,); NaN if the matrix is singular.
+
+        The columns come in by the formula of Sherman, Morrison and Woodbury.
+        """
         try:
-            return _Inverse(self)
+            plain = _Inverse(self)
+            if not self.weight:
+                return plain
+            given = plain(self.columns)
+            small = np.eye(given.shape[1]) / self.weight + self.columns.T @ given
+            pulled = given @ np.linalg.inv(small)
         except np.linalg.LinAlgError:
             return lambda block: np.full(block.shape, np.nan)
+
+        def solve(block: Array) -> Array:
+            found = plain(block)
+            return np.asarray(found - pulled @ (self.columns.T @ found))
+
+        return solve
 
 
 def _moved(values: Array, places: int) -> Array:

@@ -93,6 +93,37 @@ class Sector(NamedTuple):
         squares = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
         return np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
 
+    def wave_damping(self, angles: Array, ratios: tuple[float, ...]) -> list[Complex]:
+        """Columns U (n - m, r) of the modal damping of waves, by the coordinates (η, y).
+
+        The modes φ of the r lowest families of a wave, without contact, have the damping ratios ζ:
+
+            U Uᴴ = Σ 2 ζ ω (M φ) (M φ)ᴴ.                                                  (3)
+
+        Args:
+            angles: (k,) by which the next sector is ahead, rad.
+            ratios: ζ of each family.
+        """
+        found, whole, last = [], (self.model.mass, self.model.elastic.stiffness), len(ratios) - 1
+        for joined in self.in_waves(angles)[0]:
+            p = np.real_if_close(joined)  # of waves that stand
+            mass, stiffness = (p.conj().T @ matrix @ p for matrix in whole)
+            squares, modes = scipy.linalg.eigh(stiffness, mass, subset_by_index=[0, last])
+            sizes = np.sqrt(2.0 * np.array(ratios) * np.sqrt(np.abs(squares)))
+            found.append(mass @ modes * sizes)
+        return found
+
+    def disk_damping(self, sectors: int, ratios: tuple[float, ...]) -> Array:
+        """Real columns U (size, N r) of the modal damping U Uᵀ of all waves of a tuned disk."""
+        found, step = [], 2.0 * np.pi / sectors
+        angles: Array = step * np.arange(sectors // 2 + 1, dtype=np.float64)
+        for angle, columns in zip(angles, self.wave_damping(angles, ratios), strict=True):
+            lags = np.exp(1j * angle * np.arange(sectors)) / np.sqrt(sectors)
+            waves = (lags[:, None, None] * columns).reshape(-1, len(ratios))
+            both = [np.sqrt(2.0) * waves.real, np.sqrt(2.0) * waves.imag]
+            found += both if np.iscomplexobj(columns) else [waves.real]
+        return np.concatenate(found, axis=1)
+
 
 @dataclass(eq=False)
 class DiskModel(DenseModel):
@@ -175,10 +206,13 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
     )
     d, probes = len(model.probe), rows_of(model.probe)
     velocity: Any = np.zeros((0, 0))
-    if model.velocity_forces:  # mistuning changes the damping by stiffness only
-        damping = 0.5 * (model.velocity_matrix + model.velocity_matrix.T)
-        turning = model.velocity_matrix - damping
-        velocity = sector.of_disk(count, factors * damping + turning)
+    ratios = scene.damping.modal
+    if model.velocity_forces or any(ratios):  # mistuning changes the damping by stiffness only
+        given = model.velocity_matrix if model.velocity_forces else 0.0 * model.mass
+        damping = 0.5 * (given + given.T)
+        velocity = sector.of_disk(count, factors * damping + (given - damping))
+    if any(ratios):
+        velocity = replace(velocity, columns=sector.disk_damping(count, ratios), weight=1.0)
     return DiskModel(
         mass=mass,  # type: ignore[arg-type]
         damping=model.damping,

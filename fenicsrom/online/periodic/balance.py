@@ -127,6 +127,7 @@ class Balance:
         sector: Sector | None = None,
         lag: float = 0.0,
         finer: int = 1,
+        ratios: tuple[float, ...] = (),
     ):
         """Prepare what all problems of a family share.
 
@@ -136,6 +137,7 @@ class Balance:
             sector: the sector whose linear model that of the problem is; None of a whole body.
             lag: phi, by which the motion of the next sector is ahead, rad.
             finer: factor on the number of instants.
+            ratios: damping ratios of the families of waves of a disk.
         """
         model, self.sector = problem.model, sector
         sines = model.load_histories.sines
@@ -157,9 +159,13 @@ class Balance:
         self._joined = np.eye(n, dtype=complex)[None]
         self._through = self.rows @ self._joined
         if sector is not None:
-            self._joined, pairs = sector.in_waves(lag * np.arange(self.harmonics + 1))
+            angles = lag * np.arange(self.harmonics + 1)
+            self._joined, pairs = sector.in_waves(angles)
             self._through = self.rows @ self._joined
             self._through[:, held] = pairs
+        self._modal: Complex = np.zeros((1, self._joined.shape[2], 0), dtype=complex)
+        if sector is not None and any(ratios):
+            self._modal = np.array(sector.wave_damping(angles, ratios), dtype=complex)
         feels = np.sum(self.rows * np.linalg.solve(model.mass, self.rows.T).T, axis=1)
         self.scale = 1.0 / np.sqrt(np.maximum(feels, 1e-300))
         self.instants = finer * max(8 * self.harmonics, INSTANTS)
@@ -245,7 +251,8 @@ class Balance:
         pushed = joined @ push[:, :, None]
         through = np.broadcast_to(through, (len(push), *through.shape[1:]))
         right = np.concatenate([pushed, through], axis=2)
-        solved = np.linalg.solve(joined @ dynamic @ self._joined, right)
+        damped = speeds * (self._modal @ self._modal.conj().swapaxes(1, 2))
+        solved = np.linalg.solve(joined @ dynamic @ self._joined + damped, right)
         return solved[:, :, 0], solved[:, :, 1:]
 
     def _forces(
@@ -283,10 +290,13 @@ class Balance:
                 slopes[np.ix_(every, at, every, at)] += part
         return acting, orbits, slopes
 
+    def _own(self, found: Balanced) -> Complex:
+        """The harmonics (H + 1, n', 1) of the coordinates without the following face."""
+        return found.given[:, :, None] - found.unit @ phasors(found.acting)[:, :, None]
+
     def coordinates(self, found: Balanced) -> Array:
         """The coefficients (2 H + 1, n) of all coordinates."""
-        own = found.given[:, :, None] - found.unit @ phasors(found.acting)[:, :, None]
-        return coefficients((self._joined @ own)[:, :, 0])
+        return coefficients((self._joined @ self._own(found))[:, :, 0])
 
     def record(self, found: Balanced) -> Record:
         """The period of a motion, at equal instants after its start."""
@@ -309,6 +319,8 @@ class Balance:
             rows.state[:, p] = orbit.state
         rows.energies[:] = np.nan
         power = np.einsum("ti,ij,tj->t", state[1], _damping(model), state[1])
+        modal = rates[:, :, None] * (self._modal.conj().swapaxes(1, 2) @ self._own(found))
+        power += 0.5 * np.sum(np.abs(modal) ** 2)  # of waves, the mean over the sectors
         lost = power * problem.period / count
         rows.energies[:, DAMPING_DISSIPATION - WORK] = np.cumsum(lost)
         return rows

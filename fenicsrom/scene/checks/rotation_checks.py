@@ -99,16 +99,14 @@ def _disk_run_problems(scene: Scene) -> Problems:
         "rotation.speeds_rpm": rotation is not None and rotation.speeds_rpm,
         "basis.size": scene.basis.size,
         "basis.elastic_force": scene.basis.elastic_force == "projection",
-        "damping.ratios": any(scene.damping.modal),
         "reference.full": scene.reference.full,
         "output.animation": scene.output.animation,
         **{f"loads[{k}].follower": True for k in scene.followers},
     }
     for k, load in enumerate(scene.loads):
         unusual[f"loads[{k}].sweep"] = load.order and load.transient
-    instead = {"damping.ratios": "; use damping.stiffness or material.mass_damping"}
     for key in filter(unusual.get, unusual):
-        yield Problem(key, f"not allowed in a run of a disk ([cyclic]){instead.get(key, '')}")
+        yield Problem(key, "not allowed in a run of a disk ([cyclic])")
 
 
 def _origin(rotation: Rotation | None, scene: Scene) -> tuple[float, ...]:

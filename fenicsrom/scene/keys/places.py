@@ -226,7 +226,8 @@ class Damping:
 
     Attributes:
         stiffness: factor β of the stiffness matrix.
-        ratios: damping ratios ζ_k of the first normal modes, or one for all.
+        ratios: damping ratios ζ_k of the first normal modes (of each nodal diameter), or one for
+            all.
         modes: number of modes with one ratio.
     """
 
