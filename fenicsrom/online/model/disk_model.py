@@ -33,13 +33,20 @@ from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.kernels.dense import negative_eigenvalues
 from fenicsrom.online.model.cyclic_matrix import CyclicMatrix
 from fenicsrom.online.model.loads import histories_of
-from fenicsrom.online.model.matrices import DenseModel, Progress
+from fenicsrom.online.model.matrices import DenseModel
 from fenicsrom.online.model.model import ReducedModel, Tangent
 from fenicsrom.online.model.polynomial import ElasticPolynomial, pair_numbers, pairs
 from fenicsrom.scene import Load, Scene
 from fenicsrom.scene.keys.rotation import Deviation
 
 Complex = NDArray[np.complex128]
+
+PATIENCE = 4
+"""Iterations of a step with one factor, before each one makes its own.
+
+With the factor of the first iteration the decrement falls by ten digits in the next one. A factor
+takes as long as five iterations.
+"""
 
 
 class Sector(NamedTuple):
@@ -142,13 +149,17 @@ class DiskModel(DenseModel):
         """Begin without a factor; a contact row reaches few coordinates."""
         super().__post_init__()
         self._rows = csr_array(self.contact_rows)
-        self.exact_newton, self._progress = self.linear, Progress(self.dot)
+        self.exact_newton = self.linear
+        self._start: Array = np.zeros(0)  # of the step
+        self._iteration = 0
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
     ) -> tuple[Array, Tangent]:
         """Mean force over a step and its derivative by dq."""
-        self._progress.note(q0, dq)
+        if not np.array_equal(q0, self._start):
+            self._start, self._iteration = q0.copy(), 0
+        self._iteration += 1
         force, matrix, coefficient = self.forces.mean(q0, dq, points, weights)
         return start_weight * start + force, Tangent(matrix, coefficient)
 
@@ -157,10 +168,8 @@ class DiskModel(DenseModel):
         return self.forces.at(q)
 
     def keeps_factor(self, mass_coefficient: float) -> bool:
-        """A nonlinear step keeps S of its first iteration as long as the iteration contracts."""
-        progress = self._progress
-        fast = mass_coefficient > 0.0 and not (progress.is_first or progress.is_slow)
-        return self.linear or fast
+        """A nonlinear step keeps S of its first iteration."""
+        return self.linear or (mass_coefficient > 0.0 and 1 < self._iteration <= PATIENCE)
 
     def inverse(self, matrix: Any) -> Callable[[Array], Array]:
         """The inverse of a `CyclicMatrix` times a block (n, k); NaN if the matrix is singular."""

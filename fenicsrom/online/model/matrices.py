@@ -170,54 +170,6 @@ SAME_COEFFICIENT = 1e-10
 """Relative difference of coefficients that is rounding: steps of equal size differ by 1e-12."""
 
 
-CONTRACTION = 0.25
-"""Largest ratio of two changes in a time step with one factor.
-
-A factorisation with its tangent takes as long as about ten iterations. The decrement then falls by
-more than the factor of ten by which `fenicsrom.online.step.step` recognises rounding.
-"""
-
-PATIENCE = 10
-"""Iterations of a step, of at most fifteen, before each one makes its own factor."""
-
-
-class Progress:
-    """The iteration of a time step: how fast its changes become smaller.
-
-    Attributes:
-        is_slow: whether the last change is too large after the one before.
-        renewals: number of factorisations in this step.
-    """
-
-    def __init__(self, dot: Callable[[Array, Array], float]):
-        """Take the inner product of vectors (local,), over all ranks."""
-        self._dot = dot
-        self._start: Array = np.zeros(0)
-        self._dq: Array = np.zeros(0)
-        self._change, self._iteration = np.inf, 0
-        self.is_slow, self.renewals = False, 0
-
-    @property
-    def is_first(self) -> bool:
-        """Whether this is the first iteration of the step."""
-        return self._iteration == 1
-
-    def note(self, q0: Array, dq: Array) -> None:
-        """Note the iterate dq (local,) of a step that starts at q0 (local,)."""
-        if not (self._iteration and self._size(q0 - self._start) == 0.0):
-            self._start, self._change, self._iteration, self.renewals = q0.copy(), np.inf, 0, 0
-        change = self._size(dq - self._dq) if self._iteration else np.inf
-        self.is_slow = self._iteration >= PATIENCE or (
-            self._iteration > 1 and not change <= CONTRACTION * self._change
-        )
-        self._dq, self._change = dq.copy(), change
-        self._iteration += 1
-
-    def _size(self, vector: Array) -> float:
-        """The norm of a vector (local,)."""
-        return float(np.sqrt(self._dot(vector, vector)))
-
-
 @dataclass(eq=False)
 class DenseModel:
     """A model of n coordinates with dense matrices and an elastic force given as a function.
