@@ -11,6 +11,7 @@ from support import duffing, no_contacts
 
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.model.model import Problem
+from fenicsrom.online.periodic import steady
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, solve, start_variables
 from fenicsrom.online.periodic.steady import CALM, MarchedPath
 from fenicsrom.scene import Time
@@ -83,6 +84,17 @@ def test_states_after_the_first_are_tried() -> None:
     late = MarchedPath(whole.shooting, whole.states[30])
     needed = next(k for k in range(1, 40) if late.tends_to(motion, k))
     assert whole.tends_to(motion, 30 + needed)
+
+
+def test_long_march_tells_how_far_it_is(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(steady, "TOLD", -1.0)
+    with caplog.at_level("INFO", "fenicsrom"):
+        path_from(0.0, 0.0).tends_to(motion_at(*LOWER), 3)
+    assert [text.split(",")[0] for text in caplog.messages] == [
+        f"  period {k} of at most 3" for k in range(3)
+    ]
 
 
 def test_calm_state_is_the_first_that_changes_little_in_a_period() -> None:

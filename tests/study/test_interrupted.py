@@ -15,7 +15,9 @@ from fenicsrom.assess.errors import sizing, verdicts
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.periodic import steady
 from fenicsrom.online.run import simulate
+from fenicsrom.online.step.state import Checkpoint
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.store import load_start
 from fenicsrom.post.run.report import HALF_CHECKED, UNCHECKED
@@ -72,6 +74,17 @@ def test_run_that_is_interrupted_in_its_checks_repeats_only_these(
     assert_same(found.motion, whole.motion)
     assert isinstance(load_start(path, model.model, model.scene), Motion)
     assert found.errors == whole.errors and UNCHECKED not in found.warnings
+
+
+def test_run_that_is_interrupted_in_the_search_for_its_motion_keeps_its_march(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = stored("time.steps_per_period=40")
+    monkeypatch.setattr(steady, "attempt", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        study.rerun(model, tmp_path)
+    kept = load_start(tmp_path / "checkpoint.npz", model.model, model.scene)
+    assert isinstance(kept, Checkpoint) and kept.spans >= 1
 
 
 def test_run_that_is_interrupted_in_its_pictures_keeps_its_motion(
