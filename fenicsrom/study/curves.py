@@ -11,7 +11,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.progress import asking, log
 from fenicsrom.scene import Scene
@@ -177,7 +176,7 @@ def _curves(
     spare = spare_coordinates(source.stored)
     state = None if folder is None or not source.first else folder / STATE
     if resume is not None and (resume / COORDINATES).exists():
-        labels = _labels(resume / COORDINATES)
+        labels = json.loads((resume / COORDINATES).read_text(encoding="utf-8"))
         if {*labels} <= {*source.stored.labels, *source.stored.further}:
             source = source.with_model(source.stored.resized(labels), folder)
     elif source.stored.scene.basis.size is not None:
@@ -260,22 +259,6 @@ def _keep(found: Response, again: Response, larger: StoredModel) -> None:
         f"basis.accuracy: their repetition with {larger.size} {reason}"
     )
     found.warnings.append(Note(NoteKind.ERROR, text, "basis.accuracy"))
-
-
-def _labels(path: Path) -> list[str]:
-    """The coordinates of the curves that a folder keeps.
-
-    Raises:
-        SceneError: the file is damaged.
-    """
-    try:
-        labels = json.loads(path.read_text(encoding="utf-8"))
-        if all(isinstance(label, str) for label in labels):
-            return list(labels)
-    except (OSError, ValueError, TypeError, RecursionError):
-        pass
-    reason = "is damaged: must be a list of the coordinates of the curves; begin without --resume"
-    raise refuse(path, reason, ErrorKind.FORMAT)
 
 
 @starts_from("StoredModel", pairs=True)

@@ -213,7 +213,7 @@ def _has_same_scene(folder: Path, record: dict[str, Any], scene: Scene) -> bool:
     try:
         found = tomllib.loads((folder / SCENE_FILE).read_text(encoding="utf-8"))
         found["geometry"] = {**found["geometry"], "mesh": None, "also": []}
-    except (OSError, ValueError, KeyError, AttributeError, RecursionError):  # edited by the user
+    except (OSError, ValueError, KeyError, AttributeError):  # edited by the user
         return False
     wanted, files = scene_table(scene), scene.geometry.files
     wanted["geometry"] |= {"mesh": None, "also": []}
@@ -234,13 +234,12 @@ def _earlier_results(folder: Path, record: dict[str, Any] | None) -> list[str]:
     if record is None:
         return []
     named, found = record["results"] or [], _stamps(folder)
+    inside = {path.name for path in folder.iterdir()}
     kept = [record[key] for key in ("mesh", "model") if record[key]]
     kept += filter(None, record.get("also") or ())
     sums = {one["copy"]: one["sha256"] for one in kept if one.get("copy") in named}
     copies = [
-        name
-        for name, known in sums.items()
-        if (folder / name).is_file() and checksum(folder / name) == known
+        name for name, known in sums.items() if name in inside and checksum(folder / name) == known
     ]
     killed = record["state"] == "running"
     return [*copies, *(name for name in found if name not in sums and (killed or name in named))]

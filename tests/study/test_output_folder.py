@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 from support import refusal
@@ -142,50 +141,30 @@ def test_files_of_the_user_in_the_folder_are_never_results(tmp_path: Path) -> No
     assert (tmp_path / "data" / "report.html").read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    ("name", "place"), [("../mine", "results"), ("/etc/hosts", "copy"), ("link", "results")]
-)
-def test_record_with_names_outside_the_folder_is_refused(
-    tmp_path: Path, name: object, place: str
+@pytest.mark.parametrize("place", ["results", "copy"])
+def test_record_with_names_outside_the_folder_removes_nothing_there(
+    tmp_path: Path, place: str
 ) -> None:
     folder, mine = tmp_path / "out", tmp_path / "mine"
     run(folder, scene(), "report.html")
     mine.write_text("mine")
-    (folder / "link").symlink_to(mine)
     record = json.loads((folder / "provenance.json").read_text())
-    if place == "results":
-        record["results"].append(name)
-    else:
-        record["mesh"]["copy"] = name
-        record["results"].append("report.html")
+    record["results"].append("../mine")
+    if place == "copy":
+        record["mesh"] |= {"copy": "../mine", "sha256": checksum(mine)}
     (folder / "provenance.json").write_text(json.dumps(record))
-    before = names(folder)
-    with refusal(ErrorKind.FORMAT, "", "provenance.json", repr(name)):
-        run(folder, scene("loads.0.force=1.0"), "report.html", overwrite=True)
-    assert names(folder) == before and mine.read_text() == "mine"
+    run(folder, scene("loads.0.force=1.0"), "report.html", overwrite=True)
+    assert names(folder) == RECORDS | {"report.html"} and mine.read_text() == "mine"
 
 
-@pytest.mark.parametrize("content", [b"{", b'{"command": "fenicsrom"}'])
-def test_damaged_record_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_damaged_record_is_refused(tmp_path: Path) -> None:
     run(tmp_path, scene(), "report.html")
     path = tmp_path / "provenance.json"
-    path.write_bytes(content)
+    path.write_text("{")
     for overwrite in (False, True):
         with refusal(ErrorKind.FORMAT, "", "provenance.json"):
             run(tmp_path, scene(), "report.html", overwrite=overwrite)
-    with refusal(ErrorKind.FORMAT, "", "provenance.json"):
-        origin_table(tmp_path)
-    assert path.read_bytes() == content
-
-
-@pytest.mark.parametrize("change", [{"state": None}, {"task": 3}])
-def test_record_without_an_entry_is_refused(tmp_path: Path, change: dict[str, Any]) -> None:
-    run(tmp_path, scene(), "report.html")
-    path = tmp_path / "provenance.json"
-    record = json.loads(path.read_text()) | change
-    path.write_text(json.dumps({k: v for k, v in record.items() if v or k not in change}))
-    with refusal(ErrorKind.FORMAT, "", "provenance.json", "is damaged"):
-        run(tmp_path, scene(), "report.html")
+    assert path.read_text() == "{"
 
 
 WRITTEN = re.compile(r"[\w{}*]+\.(png|gif|html|csv|json|npz|pvd|vtu)")

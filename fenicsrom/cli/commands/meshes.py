@@ -1,6 +1,7 @@
 """`fenicsrom inspect` and `init`: describe a mesh file, and write a starter scene for it."""
 
 import argparse
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -136,9 +137,8 @@ def _first_mode(text: str, path: Path, tip: str | None) -> Any:
     """
     from fenicsrom.assess.studies.first_mode import first_mode
     from fenicsrom.scene import Place, parse_scene
-    from fenicsrom.scene.base.tables import parse_toml
 
-    scene = parse_scene(parse_toml(text), str(path), path.parent, unloaded=True)
+    scene = parse_scene(tomllib.loads(text), str(path), path.parent, unloaded=True)
     try:
         return first_mode(scene, None if tip is None else Place(group=tip))
     except ConvergenceError as error:

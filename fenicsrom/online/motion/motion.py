@@ -125,29 +125,24 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
         (['reduced'], 0.12352)
     """
     path = Path(path)
-
     if period is not None and not 0.0 < period < np.inf:
         raise refuse(path, f"period = {period}: must be a finite number above 0", ErrorKind.RANGE)
+    found = {}
     try:
         with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+            arrays = dict(file)
+        for name in [name.removesuffix("_time") for name in arrays if name.endswith("_time")]:
+            values: Any = {to: arrays[f"{name}_{key}"] for key, to in HISTORY_ARRAYS.items()}
+            jump = arrays.get(f"{name}_{JUMP}")
+            newton_from = None if jump is None else float(jump)
+            probe = arrays.get(f"{name}_probe")
+            found[name] = History(**values, period=period, newton_from=newton_from, probe=probe)
     except Exception as error:  # numpy, zipfile and zlib each raise their own kinds
         why = getattr(error, "strerror", None)  # in the words of the operating system
         reason = why or f"is not a history.npz ({type(error).__name__})"
         raise refuse(path, reason, ErrorKind.FILE if why else ErrorKind.FORMAT) from None
-    names = [name.removesuffix("_time") for name in arrays if name.endswith("_time")]
-    if not names:
-        raise refuse(path, "is not a history.npz: it holds no motion", ErrorKind.FORMAT)
-    found = {}
-    for name in names:
-        for key in HISTORY_ARRAYS:
-            if f"{name}_{key}" not in arrays:
-                raise refuse(path, f"the array {name}_{key} is missing", ErrorKind.FORMAT)
-        values: dict[str, Any] = {to: arrays[f"{name}_{key}"] for key, to in HISTORY_ARRAYS.items()}
-        jump = arrays.get(f"{name}_{JUMP}")
-        newton_from = None if jump is None else float(jump)
-        probe = arrays.get(f"{name}_probe")
-        found[name] = History(**values, period=period, newton_from=newton_from, probe=probe)
+    if not found:
+        raise refuse(path, "is not a history.npz: it holds no motion")
     return found
 
 

@@ -75,7 +75,7 @@ def show(value: object, width: int = 60) -> str:
     """Give a value as the scene file spells it, shortened to `width` characters."""
     try:
         text = json.dumps(value, ensure_ascii=False, default=str)
-    except (ValueError, TypeError, RecursionError):  # huge integers, cyclic tables
+    except (ValueError, TypeError):  # huge integers, keys of other kinds
         text = f"({type(value).__name__})"
     return text if len(text) <= width else text[: width - 1] + "…"
 

@@ -17,7 +17,6 @@ import functools
 import inspect
 import json
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
@@ -286,18 +285,6 @@ def changed(value: T, changes: Mapping[str, Any]) -> T:
 
 
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-
-
-def parse_toml(text: str) -> dict[str, Any]:
-    """Parse TOML.
-
-    Raises:
-        ValueError: the text is not TOML, or its tables are nested too deeply.
-    """
-    try:
-        return tomllib.loads(text)
-    except RecursionError:
-        raise ValueError("nested too deeply") from None
 
 
 def toml_text(table: Mapping[str, Any]) -> str:

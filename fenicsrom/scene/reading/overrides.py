@@ -24,7 +24,6 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene.base.rules import Rule, Where, is_number, is_sequence, show
 from fenicsrom.scene.base.tables import (
     keys,
-    parse_toml,
     plain,
     table_kind,
     toml_value,
@@ -121,7 +120,7 @@ def _list(text: str, key: str, values: str) -> list[Any]:
         table = tomllib.loads(f"values = {values}")
         found = table["values"] if len(table) == 1 else None
         json.dumps(found, allow_nan=False)
-    except (ValueError, TypeError, RecursionError):
+    except (ValueError, TypeError):
         found = None
     if not isinstance(found, list) or not found or any(isinstance(item, dict) for item in found):
         reason = "the list must hold values as TOML writes them, such as [50, 100] or ['a', 'b']"
@@ -162,7 +161,6 @@ def _refuse_values(text: str, reason: str, key: str) -> SceneError:
 Overrides = str | Sequence[str] | Mapping[str, Any]
 """Changes of a scene: one or several texts KEY=VALUE, or the new values by their keys."""
 
-DEEPEST = 20  # names in the path of a key
 # tables whose keys exclude each other, by the first name and the number of names before the key
 ALTERNATIVES: dict[tuple[str, int], type] = {("time", 1): Time, ("loads", 2): Load}
 
@@ -245,10 +243,10 @@ def parsed_override(override: str, source: str) -> tuple[list[str], Any]:
     """
     path, equals, text = override.partition("=")
     names = names_of(path)
-    if not equals or not all(names) or len(names) > DEEPEST:
+    if not equals or not all(names):
         raise _refuse(override, source, "must be KEY=VALUE, such as loads.0.force=200")
     try:
-        value = parse_toml(f"value = {text}")
+        value = tomllib.loads(f"value = {text}")
     except ValueError:
         value = {}
     if list(value) != ["value"]:

@@ -13,6 +13,7 @@ longer or shorter than a scene file allows.
 
 import os
 import re
+import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import fields, replace
 from pathlib import Path, PurePath
@@ -21,7 +22,6 @@ from typing import Any
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base.rules import Where, is_sequence, read_rows, show
 from fenicsrom.scene.base.tables import (
-    parse_toml,
     plain,
     read_table,
     require_none,
@@ -265,7 +265,7 @@ def read_toml(source: str) -> dict[str, Any]:
         SceneError: the file cannot be read or is not TOML.
     """
     try:
-        return parse_toml(Path(source).read_text(encoding="utf-8-sig"))
+        return tomllib.loads(Path(source).read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise refuse(source, f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
     except ValueError as error:
