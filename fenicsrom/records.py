@@ -259,9 +259,10 @@ class Study:
     @property
     def sizes(self) -> dict[str, int]:
         """Number of unknowns of each model."""
-        beam = self.scene.reference.beam
+        reference = self.scene.reference
+        section = reference.beam_section if reference.beam else None
         return {
             "reduced": self.basis.size if self.basis is not None else 0,
             "full": self.solid.free,
-            "beam": 3 * beam.elements if beam is not None else 0,
+            "beam": 3 * section.elements if section is not None else 0,
         }

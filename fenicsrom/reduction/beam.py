@@ -498,7 +498,7 @@ def beam_structure(scene: Scene) -> BeamStructure:
     Raises:
         SceneError: the loads or contacts of the scene are not those of a planar beam along x.
     """
-    section = scene.reference.beam
+    section = scene.reference.beam_section
     assert section is not None
     beam = TimoshenkoBeam(section, scene.material, not scene.geometrically_nonlinear, scene.source)
     _check_planar(scene)

@@ -48,7 +48,7 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
         files: include the stages that write files.
     """
     moved, basis = _with_motion(scene, modes_only), scene.basis
-    full, beam = scene.reference.full, scene.reference.beam is not None
+    full, beam = scene.reference.full, scene.reference.beam
     full_reason = f"reference.full is {toml_value(full)}"
     beam_reason = f"reference.beam is {'given' if beam else 'not given'}"
     scheme = f"time.scheme is {scene.time.scheme}"

@@ -52,8 +52,8 @@ def rubbing_scene() -> Scene:
 def beam_matrices(scene: Scene) -> MatrixSet:
     from fenicsrom.reduction.beam import TimoshenkoBeam
 
-    assert scene.reference.beam is not None
-    beam = TimoshenkoBeam(scene.reference.beam, scene.material, True)
+    assert scene.reference.beam_section is not None
+    beam = TimoshenkoBeam(scene.reference.beam_section, scene.material, True)
     return MatrixSet(np.array(beam.mass), np.array(beam.stiffness))
 
 

@@ -187,7 +187,7 @@ def cases_of(
         richer = rich if axis in RICHER and scene.geometrically_nonlinear else ()
         cases += [Case(axis, value, changes, richer=richer) for value, changes in made.items()]
         if axis == "scene":
-            wanted = {"full": scene.reference.full, "beam": scene.reference.beam is not None}
+            wanted = {"full": scene.reference.full, "beam": scene.reference.beam}
             cases += [Case(axis, "as it is", (), model) for model, runs in wanted.items() if runs]
     return cases, left_out
 

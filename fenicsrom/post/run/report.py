@@ -418,7 +418,7 @@ def _without_effect(scene: Scene) -> dict[str, str]:
     """The stages that a run of a stored model leaves out, with the keys that ask for a stage."""
     asked = {
         ("full motion", "reference.full"): scene.reference.full,
-        ("beam motion", "reference.beam"): scene.reference.beam is not None,
+        ("beam motion", "reference.beam"): scene.reference.beam,
         ("ParaView motion", "output.motion"): scene.output.motion,
         ("animation", "output.animation"): scene.output.animation,
     }

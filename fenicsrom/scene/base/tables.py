@@ -210,8 +210,6 @@ def plain(value: Any) -> Any:
     """
     if hasattr(value, "tolist"):  # without an import of numpy, which light commands do not need
         return value.tolist()
-    if hasattr(value, "as_table"):
-        return value.as_table()
     if is_dataclass(value) and not isinstance(value, type):
         table: dict[str, Any] = {}
         for name, (rule, _) in entries(type(value)).items():

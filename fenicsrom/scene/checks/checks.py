@@ -64,8 +64,11 @@ def step_problems(scene: Scene) -> Problems:
 
 def beam_problems(scene: Scene) -> Problems:
     """Yield what the beam of [reference] cannot be compared with."""
-    if scene.reference.beam is None:
+    if not scene.reference.beam:
         return
+    if scene.reference.beam_section is None:
+        allowed = "must be a table with beam = true"
+        yield Problem("reference.beam_section", allowed, value=MISSING)
     reasons = {
         "[[materials]]": scene.materials,
         "a material that is not isotropic": not scene.material.is_isotropic,

@@ -22,7 +22,7 @@ def rotation_problems(scene: Scene) -> Problems:
         yield Problem("rotation.axis", "only allowed in 3D; in 2D the axis is normal to the plane")
     if scene.geometry.dimension == 3 and rotation.axis is None:
         yield Problem("rotation.axis", "must be a vector along the axis in 3D")
-    if scene.reference.beam is not None:
+    if scene.reference.beam:
         yield Problem("reference.beam", "must be false with [rotation]: the beam cannot turn")
     if rotation.history:
         yield from _history_problems(scene, rotation)

@@ -10,14 +10,12 @@ default that depends on other keys is None here, and `fenicsrom.scene.reading.re
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from fenicsrom.scene.base import rules
 from fenicsrom.scene.base.rules import (
-    Rule,
-    Where,
     choice,
     either,
     flag,
@@ -25,7 +23,7 @@ from fenicsrom.scene.base.rules import (
     list_of,
     number,
 )
-from fenicsrom.scene.base.tables import plain, read_table, table_of, tables_of
+from fenicsrom.scene.base.tables import table_of, tables_of
 from fenicsrom.scene.keys import places
 from fenicsrom.scene.keys.contacts import Bolt, Contact, Tie, surface_spin
 from fenicsrom.scene.keys.curves import Backbone, Response, Ringdown, Statics
@@ -166,8 +164,8 @@ class BeamSection:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReferenceTable:
-    """The table [reference] of the file.
+class Reference:
+    """The models to compare the reduced model with.
 
     Attributes:
         full: whether to run the full model.
@@ -178,31 +176,6 @@ class ReferenceTable:
     full: Annotated[bool, flag] = False
     beam: Annotated[bool, flag] = False
     beam_section: Annotated[BeamSection | None, table_of(BeamSection)] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Reference:
-    """The models to compare the reduced model with.
-
-    Attributes:
-        full: whether to run the full solid model.
-        beam: the beam to run, or None.
-    """
-
-    full: bool = False
-    beam: BeamSection | None = None
-
-    def as_table(self) -> dict[str, Any]:
-        """Give the table of the file."""
-        section = {} if self.beam is None else {"beam_section": plain(self.beam)}
-        return {"full": self.full, "beam": self.beam is not None, **section}
-
-
-def _read_reference(value: Any, where: Where) -> Reference:
-    table = read_table(ReferenceTable, value, where)
-    if table.beam and table.beam_section is None:
-        raise where.at("beam_section").refuse(MISSING, "must be a table with beam = true")
-    return Reference(full=table.full, beam=table.beam_section if table.beam else None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -358,9 +331,7 @@ class Scene:
     probe: Annotated[places.Place | None, table_of(places.Place)] = None
     basis: Annotated[Basis, table_of(Basis)] = Basis()
     time: Annotated[Time, table_of(Time)] = field(default_factory=Time)
-    reference: Annotated[Reference, Rule(_read_reference, {"kind": ReferenceTable}, "table")] = (
-        Reference()
-    )
+    reference: Annotated[Reference, table_of(Reference)] = Reference()
     output: Annotated[Output, table_of(Output)] = Output()
     compare: Annotated[Compare, table_of(Compare)] = Compare()
     campbell: Annotated[Campbell, table_of(Campbell)] = Campbell()
