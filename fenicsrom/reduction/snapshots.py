@@ -137,13 +137,23 @@ class Snapshots:
 
     @cached_property
     def _own(self) -> Array:
-        """Coordinates (n, s) of the linear transient of the scene."""
+        """Coordinates (n, s) of the linear transient of the scene; zero if nothing moves it."""
+        if _rests(self._scene):
+            return np.zeros((self._model.vectors.shape[1], 1))
         return linear_snapshots(self._structure, self._scene, self._model)
 
     def _sizes(self, coordinates: Array) -> Array:
         """Size (s,) of each column of coordinates (n, s), by its mass."""
         inertia = self._model.model.mass @ coordinates
         return np.sqrt(np.maximum(np.sum(coordinates * inertia, axis=0), 0.0))
+
+
+def _rests(scene: Scene) -> bool:
+    """Whether bodies that touch stay at rest, up to the rounding of the forces that press them."""
+    moved = any(contact.approach or contact.surface for contact in scene.contacts)
+    turned = scene.rotation is not None and bool(scene.rotation.history)
+    still = all(load.static for load in scene.loads)
+    return scene.joined and still and not moved and not turned
 
 
 def curve_frequencies(structure: Structure, scene: Scene, modes: ComponentModes) -> list[float]:

@@ -28,6 +28,8 @@ from fenicsrom.online.store.scene_changes import Trained, changed_key, shares_mo
 from fenicsrom.online.stress.reactions import Recovery, find_stresses
 from fenicsrom.post.run.summary import quantities, unjudged
 from fenicsrom.reduction import training
+from fenicsrom.reduction.modes import component_modes
+from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.scene import Families, Response, Scene, make_scene
 from fenicsrom.study.offline_cache import modes_table
 from tests.boxes import blocks, stacked
@@ -608,3 +610,18 @@ def test_interface_vectors_of_the_motion_give_the_friction_of_the_full_model() -
     )
     tip = np.interp(full.time, reduced.time, reduced.probe[:, 1])
     assert np.linalg.norm(tip - full.probe[:, 1]) < 1e-2 * np.linalg.norm(full.probe[:, 1])
+
+
+def test_linear_transient_of_pressed_bodies_without_loads_is_rest() -> None:
+    """The rounding of the forces that press them would be all energy of such a motion."""
+    scene = lap(
+        geometry=COARSE,
+        contacts=[PAIR],
+        loads=[],
+        probe={"group": "tip"},
+        time={"duration": 0.02, "step": 1e-4},
+        backbone={"mode": 1, "first": 1e-4, "last": 2e-3},
+    )
+    body = solid(scene)
+    modes = component_modes(body, scene.basis)
+    assert not Snapshots(body, scene, modes).linear.coordinates.any()
