@@ -12,6 +12,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import fenicsrom as fr
+from fenicsrom.assess.studies.sweep_runs import _measured
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.contact.points import contacts_of, trial_forces
 from fenicsrom.online.step.statics import together
@@ -22,6 +23,7 @@ from tests.support import refusal
 
 BOLTS = {"bolts.0.force": 2000.0, "bolts.1.force": 3000.0}
 BASIS = {"modes": 2, "masters": "all", "derivatives": "none"}
+TRAINED = Trained((60.0,), (0.3,), amplitude=1.0, duration=1.0, dissipation=1.0)
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["linear", "nonlinear"])
@@ -68,16 +70,17 @@ def test_changed_joint_moves_as_a_new_one() -> None:
     spent = wanted.friction_dissipation[-1]
     assert found.friction_dissipation[-1] == pytest.approx(spent, rel=5e-3)
     assert abs(old.friction_dissipation[-1] - spent) > 0.1 * spent
+    row = _measured(replace(before, trained=TRAINED).with_overrides(BOLTS), lambda: False)
+    assert "bolts.1.force is 3000.0, and was 4000.0" in row["sentence"]  # of a sweep
 
 
 def test_changed_joint_has_no_estimate_of_the_friction_of_other_vectors(
     stored: fr.StoredModel,
 ) -> None:
-    trained = Trained((60.0,), (0.3,), amplitude=1.0, duration=1.0, dissipation=1.0)
-    found = replace(stored, trained=trained).with_overrides(BOLTS)
+    found = replace(stored, trained=TRAINED).with_overrides(BOLTS)
     (note,) = beyond(found.trained, found.scene, 0.0)
     assert "bolts.1.force is 3000.0, and was 4000.0" in str(note)
-    assert not beyond(trained, stored.scene, 0.0)
+    assert not beyond(TRAINED, stored.scene, 0.0)
 
 
 def test_joint_whose_bolts_push_has_no_equilibrium(stored: fr.StoredModel) -> None:

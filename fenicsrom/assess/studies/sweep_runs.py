@@ -24,6 +24,7 @@ from fenicsrom.online.motion.motion import Motion, check_energy
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import FORMAT, StoredModel, load_stored
 from fenicsrom.online.store.disk import StoredDisk
+from fenicsrom.reduction.training import beyond, duration, probe_amplitude
 from fenicsrom.scene import Scene, scene_table, toml_text
 from fenicsrom.scene.reading.overrides import Axis
 from fenicsrom.words import brief, counted
@@ -190,6 +191,7 @@ def _measured(stored: StoredModel, stop: Callable[[], bool]) -> dict[str, Any]:
         found["outcome"] = DOUBTFUL
         warnings.insert(0, Note(NoteKind.ERROR, str(error)))
     warnings += error_notes(scene, errors, motion)
+    warnings += beyond(stored.trained, scene, probe_amplitude(motion), duration(motion))
     return found | _judged(warnings, errors)
 
 
