@@ -44,7 +44,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.scene_changes import changed_scene, shares_model
 from fenicsrom.online.stress.stress import von_mises
 from fenicsrom.post.base.origin import RESULTS
-from fenicsrom.post.studies.disk_run_report import report
+from fenicsrom.post.studies.disk_run_report import figure, report
 from tests.disks import (
     CYCLIC,
     PERIODS,
@@ -339,6 +339,8 @@ def test_mistuned_run_reports_amplification_and_shares(
     found = run(scene, folder=tmp_path / "out")
     told = json.loads((tmp_path / "out" / "disk.json").read_text())
     assert told["amplification"] == found.amplification > 1.0
+    (waves,) = figure(found).panels[-1].items  # a row of the map for each sector
+    np.testing.assert_allclose(np.ptp(waves.values, axis=1), 2e3 * found.peaks, rtol=1e-12)
     large, unknown = MotionErrors(0.1, 0.1, (0.05, 0.2)), MotionErrors(np.inf, np.inf, (0.01,))
     assert "20 % by the basis" in " ".join(
         report(replace(found, errors={"basis": large})).sentences

@@ -3,12 +3,14 @@
 Between equal instants of the period the point goes straight, as in a step of the discrete gradient,
 so that the forces are means over these steps. The memory of the law is the slider w: a period maps
 the slider at its start to that at its end, w -> W(w, x). The forces repeat if w does. The periodic
-slider is found by Newton's method,
+slider is found by periods from rest and, where these settle slowly, by Newton's method,
 
     (1 - dW/dw) dw = W(w, x) - w,                                                          (1)
 
 in the directions in which the point slips at least once. A point that sticks all the time keeps its
-slider. The derivatives by the path are carried along, through all periods.
+slider; that of a point which slips at first only stays where the first period has dragged it. The
+derivatives by the path are carried along, through all periods. After (1) they are exact only in
+the directions in which the slider is unique.
 """
 
 from typing import Annotated, NamedTuple
@@ -26,6 +28,7 @@ from fenicsrom.online.kernels.numbers import Dual, Vector, plus, vector
 
 MOST_PERIODS = 30
 REPEATS = 1e-12  # relative to the path: a slider that moves by less in a period repeats
+SETTLES = 0.1  # of the motion of the slider in the period before: periods that settle fast
 HELD = 1e-9  # of a singular value of 1 - dW/dw: a direction in which the slider stays where it is
 
 
@@ -161,18 +164,21 @@ def periodic_orbit(
     columns = d + d * waves.shape[1]
     orbit = zeros(Orbit, {"free": 0}, T=count, d=d, columns=columns)
     w, by = rest.copy(), np.zeros((d, columns))
-    size = REPEATS * float(np.max(np.abs(x)))
+    size, last, slow = REPEATS * float(np.max(np.abs(x))), np.inf, False
     for _ in range(MOST_PERIODS):
         start, carried = w.copy(), by[:, d:].copy()
         by[:, :d] = unit
         march_point(contacts, p, x, waves, period, w, by, orbit)
         if contacts.kind[p] == PLANE:  # the normal component of its slider has no meaning
             w[0], by[0] = start[0], 0.0
-        change = unit - by[:, :d]
-        if np.max(np.abs(w - start)) <= size:
+        change, moved = unit - by[:, :d], float(np.max(np.abs(w - start)))
+        if moved <= size:
             free = int(np.sum(np.linalg.svd(change, compute_uv=False) < HELD))
             return orbit._replace(slopes=orbit.slopes[:, :, d:], free=free)
-        back = np.linalg.pinv(change, rcond=HELD)
-        w[:] = start + back @ (w - start)
-        by[:, d:] = carried + back @ (by[:, d:] - carried)
+        slow = slow or moved > SETTLES * last
+        if slow:
+            back = np.linalg.pinv(change, rcond=HELD)
+            w[:] = start + back @ (w - start)
+            by[:, d:] = carried + back @ (by[:, d:] - carried)
+        last = moved
     return None
