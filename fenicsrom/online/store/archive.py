@@ -44,6 +44,7 @@ from fenicsrom.online.step.speed_range import AtSpeed, RangeErrors, RangeModel
 from fenicsrom.online.step.statics import together
 from fenicsrom.online.store.disk import StoredDisk
 from fenicsrom.online.store.scene_changes import (
+    Change,
     Trained,
     changed_scene,
     require_same_model,
@@ -233,7 +234,7 @@ class StoredModel:
         moved = rest_changes(self.scene, scene)
         return found._together(self.scene.bolts, moved) if moved else found
 
-    def _together(self, before: Sequence[Bolt], changes: tuple[str, ...]) -> StoredModel:
+    def _together(self, before: Sequence[Bolt], changes: tuple[Change, ...]) -> StoredModel:
         """The model about the equilibrium of bodies that touch, found in all its coordinates.
 
         The damping besides α M stays, and an estimate of the mesh needs the equilibrium of finer
@@ -268,7 +269,7 @@ class StoredModel:
             tables = self.tables.about(q)
             deformation = deformation_at(tables.stress, np.zeros(q.size))
             found = replace(found, tables=tables, deformation=deformation)
-        if self.finer is None or all("tangential" in change for change in changes):
+        if self.finer is None or all("tangential" in key for key, *_ in changes):
             return found
         return replace(found, finer=None, finer_labels=(), unjudged=UNJUDGED_REST)
 

@@ -27,6 +27,9 @@ SURFACE_KEYS = ("kind", "point", "axis", "inside")  # the frames of the contact 
 # keys of [time] that only determine when a run ends
 END_KEYS = ("periods", "duration", "steady_tolerance", "steady")
 
+Change = tuple[str, Any, Any]
+"""A key of the scene, its value before and its value now."""
+
 
 @dataclass(frozen=True)
 class Trained:
@@ -38,7 +41,7 @@ class Trained:
         amplitude: the largest half of the range of the probe, m.
         duration: the length of the longest motion without a period, s; 0 without any.
         dissipation: the largest energy that friction dissipates in a motion, J.
-        changed: how the equilibrium differs from theirs, in words (`rest_changes`).
+        changed: how the equilibrium differs from theirs (`rest_changes`).
     """
 
     loads: tuple[float, ...]
@@ -46,11 +49,14 @@ class Trained:
     amplitude: float
     duration: float
     dissipation: float
-    changed: tuple[str, ...] = ()
+    changed: tuple[Change, ...] = ()
 
-    def after(self, changes: tuple[str, ...]) -> "Trained":
+    def after(self, changes: tuple[Change, ...]) -> "Trained":
         """The same, after further `rest_changes`."""
-        return replace(self, changed=(*self.changed, *changes))
+        known = {key: (was, now) for key, was, now in self.changed}
+        known |= {key: (known.get(key, (was,))[0], now) for key, was, now in changes}
+        moved = ((key, was, now) for key, (was, now) in known.items() if was != now)
+        return replace(self, changed=tuple(moved))
 
 
 def contact_keys(joined: bool) -> tuple[str, ...]:
@@ -63,16 +69,16 @@ def first_difference(one: Any, other: Any, names: Iterable[str]) -> str | None:
     return next((name for name in names if getattr(one, name) != getattr(other, name)), None)
 
 
-def rest_changes(made: Scene, wanted: Scene) -> tuple[str, ...]:
-    """What moves the equilibrium of bodies that touch, in words; none of other bodies."""
+def rest_changes(made: Scene, wanted: Scene) -> tuple[Change, ...]:
+    """What moves the equilibrium of bodies that touch; nothing of other bodies."""
     tables = {"contacts": REST_KEYS, "bolts": ("force",)} if made.joined else {}
     found = []
     for table, names in tables.items():
         for k, pair in enumerate(zip(getattr(made, table), getattr(wanted, table), strict=True)):
             for name in names:
-                before, after = (getattr(one, name) for one in pair)
-                if before != after:
-                    found.append(f"{table}.{k}.{name} is {after}, and was {before}")
+                was, now = (getattr(one, name) for one in pair)
+                if was != now:
+                    found.append((f"{table}.{k}.{name}", was, now))
     return tuple(found)
 
 
