@@ -394,7 +394,10 @@ def test_ratios_damp_the_families_of_waves(tmp_path: Path) -> None:
     """One ratio for all families: C M⁻¹ C = 4 ζ² K; the march balances its energy."""
     more = {"rotation": spinning(2, False), "damping": {"ratios": 0.01, "modes": 3}}
     scene = sector_scene(tmp_path, 1, **more)
-    sector, whole = build_disk(scene).sector, disk_scene(scene)
+    stored = build_disk(replace(scene, damping=replace(scene.damping, ratios=())))
+    with refusal(ErrorKind.RANGE, key="damping.ratios", names="90"):
+        stored.with_overrides({"damping.ratios": 0.01, "damping.modes": 90})
+    sector, whole = stored.with_scene(scene).sector, disk_scene(scene)
     few = simulate(disk_model(sector, whole, np.zeros(N)), whole)
     assert few.relative_imbalance < 1e-10 and few.damping_dissipation[-1] > 0.0
     every = (0.01,) * (sector.model.size - sector.shapes)

@@ -23,7 +23,6 @@ import numpy as np
 import scipy.sparse
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.fem.body.cyclic import Complex
 from fenicsrom.fem.body.stress_points import stress_table
 from fenicsrom.fem.mesh.mesh import Mesh
@@ -38,6 +37,7 @@ from fenicsrom.online.model.disk_model import (
     disk_model,
     disk_scene,
     load_diameters,
+    require_families,
 )
 from fenicsrom.online.motion.motion import Motion, attempted
 from fenicsrom.online.run.simulate import simulate
@@ -217,11 +217,7 @@ class _Cut:
         ahead = sector.comm.allreduce(sector.ahead_rows @ whole.vectors)
         springs = np.zeros(len(ahead)) if sector.joint is None else sector.joint.springs
         found = Sector(model, own, shapes.shape[1], cut.neighbour, ahead, springs)
-        families, ratios = model.size - found.shapes, len(self._scene.damping.modal)
-        if ratios > families:
-            reason = f"{ratios} damped families of waves are too many: the reduced sector has "
-            reason += f"{families} coordinates; raise basis.modes"
-            raise refuse(sector.source, reason, ErrorKind.RANGE, "damping.ratios")
+        require_families(found, self._scene)
         return found, whole.vectors
 
 

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.kernels.dense import negative_eigenvalues
 from fenicsrom.online.model.cyclic_matrix import CyclicMatrix
@@ -316,6 +317,19 @@ def deviations(scene: Scene) -> Array:
     if isinstance(given, Deviation):
         return given.deviation * np.random.default_rng(given.seed).standard_normal(count)
     return np.zeros(count) if given is None else np.array(given)
+
+
+def require_families(sector: Sector, scene: Scene) -> None:
+    """Check that a sector has the families of waves that `damping.ratios` damp.
+
+    Raises:
+        SceneError: it has fewer.
+    """
+    ratios, families = len(scene.damping.modal), sector.model.size - sector.shapes
+    if ratios > families:
+        reason = f"{ratios} damped families of waves are too many: the reduced sector has "
+        reason += f"{families} coordinates; lower damping.modes, or raise basis.modes"
+        raise refuse(scene.source, reason, ErrorKind.RANGE, "damping.ratios")
 
 
 def load_diameters(scene: Scene) -> set[int]:

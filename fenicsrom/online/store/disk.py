@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fenicsrom.notes import Note, NoteKind, unpacked
-from fenicsrom.online.model.disk_model import Sector, load_diameters
+from fenicsrom.online.model.disk_model import Sector, load_diameters, require_families
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.scene_changes import Trained, changed_scene, require_same_model
@@ -89,6 +89,7 @@ class StoredDisk:
         """As `with_scene`; messages name this source of the scene."""
         require_same_model(self.scene, scene, source)
         require_disk_run(scene)
+        require_families(self.sector, scene)
         damping, histories = float(scene.material.mass_damping), load_histories(scene)
         changes: dict[str, Any] = {"damping": damping, "load_histories": histories}
         sector, larger = (

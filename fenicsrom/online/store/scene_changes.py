@@ -98,8 +98,8 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
 
     A stored model allows other sizes and histories of the loads that vary, another damping, other
     contact parameters and another time integration, bodies that touch other forces of the bolts,
-    and a disk another mistuning. The equilibrium of bodies that touch in a disk, or under follower
-    pressures, stays. The mesh file may be in another folder.
+    and a disk another mistuning and other damping ratios. The equilibrium of bodies that touch in a
+    disk, or under follower pressures, stays. The mesh file may be in another folder.
     """
     wanted = _with_allowed(made, wanted)
     names = "geometry geometrically_nonlinear materials supports attachments bolts ties rotation"
@@ -190,7 +190,8 @@ def _with_allowed(made: Scene, wanted: Scene) -> Scene:
         found = replace(found, bolts=tuple(replace(b, force=a.force) for a, b in pairs))
     if made.cyclic is not None and wanted.cyclic is not None:
         alike = replace(wanted.cyclic, mistuning=made.cyclic.mistuning)
-        found = replace(found, cyclic=alike)
+        damping = replace(made.damping, stiffness=wanted.damping.stiffness)
+        found = replace(found, cyclic=alike, damping=damping)
     before, rotation = made.rotation, wanted.rotation
     if before is None or rotation is None or before.speeds_rpm is None:
         return found
