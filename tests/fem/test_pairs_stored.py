@@ -15,6 +15,7 @@ import fenicsrom as fr
 from fenicsrom.assess.studies.sweep_runs import _measured
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.contact.points import contacts_of, trial_forces
+from fenicsrom.online.model.bolts import no_bolts
 from fenicsrom.online.step.statics import together
 from fenicsrom.online.store.scene_changes import Trained, changed_scene
 from fenicsrom.reduction.training import beyond
@@ -96,6 +97,12 @@ def test_joint_whose_bolts_push_has_no_equilibrium(stored: fr.StoredModel) -> No
 
 
 def test_joint_that_needs_its_mesh_is_refused(stored: fr.StoredModel) -> None:
+    whole = stored.candidates
+    assert whole is not None
+    earlier = replace(stored, candidates=whole._replace(bolts=no_bolts(2, 1 + whole.size)))
+    assert earlier.with_overrides({"contacts.0.normal_stiffness": 4e13}).frequencies_hz.all()
+    with refusal(ErrorKind.MISMATCH, "bolts"):
+        earlier.with_overrides(BOLTS)
     with refusal(ErrorKind.MISMATCH, "contacts[0].reach"):
         stored.with_overrides({"contacts.0.reach": 1e-3})
     with refusal(ErrorKind.RANGE, "contacts[0].gap"):

@@ -30,8 +30,8 @@ class Bolts(NamedTuple):
     def pulled(self, elastic: ElasticPolynomial, forces: Array, across: bool) -> ElasticPolynomial:
         """An elastic force to which these forces (b,) in N are added; `across` with the F/l."""
         force, stiffness = elastic.force.copy(), elastic.stiffness.copy()
-        for k, pull in enumerate(forces):
-            line, apart = self.line[k], self.apart[k]
+        for k in range(len(self.line)):
+            pull, line, apart = forces[k], self.line[k], self.apart[k]
             length = float(np.linalg.norm(line))
             axis, rows = line / length, apart[:, 1:]
             force += pull * (axis @ rows)

@@ -246,10 +246,14 @@ class StoredModel:
 
         Raises:
             ConvergenceError: there is no equilibrium.
-            SceneError: a round surface presses on a body.
+            SceneError: a round surface presses on a body, or the file does not hold the bolts.
         """
         scene, every = self.scene, self.candidates or self.model
         pulls = np.array([a.force - b.force for a, b in zip(scene.bolts, before, strict=True)])
+        if pulls.any() and len(every.bolts.line) < pulls.size:
+            reason = "an earlier version of this program wrote the model, which does not hold its "
+            source = self.file or scene.source
+            raise refuse(source, f"{reason}bolts; run the scene again", ErrorKind.MISMATCH, "bolts")
         pulled = every.bolts.pulled(every.elastic, pulls, scene.geometrically_nonlinear)
         every = every._replace(elastic=pulled)
         contacts = contacts_of(scene, every.points)
