@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import STOCKY, beam_scene, refusal, uncoupled
+from support import STOCKY, beam_scene, uncoupled
 
 from fenicsrom import study
 from fenicsrom.assess.errors import sizing, verdicts
 from fenicsrom.cli import main
-from fenicsrom.errors import ErrorKind
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic import steady
 from fenicsrom.online.run import simulate
@@ -21,7 +20,6 @@ from fenicsrom.online.step.state import Checkpoint
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.store import load_start
 from fenicsrom.post.run.report import HALF_CHECKED, UNCHECKED
-from fenicsrom.study.curves import COORDINATES, _labels
 
 SCENE = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
 SHORT = ("geometrically_nonlinear=false", "output.pictures=false")
@@ -182,13 +180,3 @@ def test_resumed_run_keeps_the_coordinates_that_joined_its_basis(tmp_path: Path)
     path = tmp_path / "first" / "checkpoint.npz"
     again = study.run(scene, folder=tmp_path / "again", resume=path)
     assert again.basis is not None and again.basis.labels == first.basis.labels
-
-
-@pytest.mark.parametrize("content", [b'["1V", "2', b"3"])
-def test_damaged_labels_of_kept_curves_are_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / COORDINATES
-    path.write_bytes(content)
-    with refusal(ErrorKind.FORMAT, "", COORDINATES, "--resume"):
-        _labels(path)
-    path.write_text('["1V", "1V1V"]')
-    assert _labels(path) == ["1V", "1V1V"]
