@@ -156,7 +156,18 @@ def test_estimates_of_probe_and_dissipation_follow_the_motions() -> None:
     other = replace(motion, friction_dissipation=1.1 * spent, probe=1.1 * motion.probe)
     nothing = estimates.MotionErrors(0.0, 0.0, (0.0, 0.0))
     found = estimates.with_further(nothing, motion, other, 2.0)
-    assert (found.probe, found.dissipation) == pytest.approx((0.2, 0.2)) and found.worn == 0.0
+    assert found.worn == 0.0
+    assert (found.probe, found.dissipation, found.history) == pytest.approx((0.2, 0.2, 0.2))
+
+
+def test_history_of_the_probe_sees_the_phase_that_its_amplitudes_hide() -> None:
+    """The other motion is half a period late: the estimate is twice the difference of 2."""
+    *_, motion = struck(0.01, True)
+    assert motion.probe is not None
+    once = replace(motion, probe=motion.probe - motion.probe.mean(axis=0))
+    nothing = estimates.MotionErrors(0.0, 0.0, (0.0, 0.0))
+    found = estimates.with_further(nothing, once, replace(once, probe=-once.probe), 2.0)
+    assert found.history == pytest.approx(4.0) and found.probe == pytest.approx(0.0, abs=1e-12)
 
 
 def test_motion_at_rest_has_no_error_but_that_of_its_position() -> None:

@@ -161,6 +161,8 @@ class MotionErrors(NamedTuple):
         dissipation: error of the energy that friction dissipates in the last period.
         worn: error of the largest worn depth.
         probe: error of the amplitudes of the probe beside contact points.
+        history: error of the displacements of this probe at equal times of a run without a period:
+            that of the amplitudes and, in a vibration that goes on, of its phase.
     """
 
     amplitude: float
@@ -172,6 +174,7 @@ class MotionErrors(NamedTuple):
     dissipation: float = 0.0
     worn: float = 0.0
     probe: float = 0.0
+    history: float = 0.0
 
     @property
     def largest(self) -> float:
@@ -184,7 +187,7 @@ class MotionErrors(NamedTuple):
     def combined(self, rule: Callable[..., float], *others: MotionErrors) -> MotionErrors:
         """A rule applied to each error, but to the shift, and to those of other estimates."""
         rows = zip(self.directions, *(other.directions for other in others), strict=True)
-        names = "amplitude", "peak_force", "dissipation", "worn", "probe"
+        names = "amplitude", "peak_force", "dissipation", "worn", "probe", "history"
         found: dict[str, Any] = {
             name: rule(*(getattr(one, name) for one in (self, *others))) for name in names
         }
@@ -283,8 +286,8 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
 
 def _unknown(dimension: int) -> MotionErrors:
     """The errors of a motion without an estimate."""
-    each = (np.inf,) * dimension
-    return MotionErrors(np.inf, np.inf, each, dissipation=np.inf, worn=np.inf, probe=np.inf)
+    found = MotionErrors(np.inf, np.inf, (np.inf,) * dimension)
+    return found._replace(dissipation=np.inf, worn=np.inf, probe=np.inf, history=np.inf)
 
 
 def with_further(found: MotionErrors, motion: Motion, other: Motion, factor: float) -> MotionErrors:
@@ -305,12 +308,18 @@ def with_further(found: MotionErrors, motion: Motion, other: Motion, factor: flo
     deepest, other_deepest = (float(np.max(depth, initial=0.0)) for depth in depths)
     probe, other_probe = motion.at_probe(), other.at_probe()
     pairs: list[tuple[Array, Array]] = []
+    drift = 0.0
     if has_contact(motion) and probe is not None and other_probe is not None:
         pairs = _compared(probe, other_probe)
+        if motion.period is None:
+            there = interpolated(other_probe, other_probe.displacement, motion.time)
+            here = probe.displacement.reshape(there.shape)
+            drift = _relative(*(float(np.linalg.norm(u)) for u in (here - there, here)))
     return found._replace(
         probe=_errors(pairs, motion.displacement.shape[2], factor, relative_to=0).amplitude,
         dissipation=factor * _relative(apart, ours),
         worn=factor * _relative(abs(deepest - other_deepest), deepest),
+        history=factor * drift,
     )
 
 

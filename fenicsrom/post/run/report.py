@@ -157,6 +157,8 @@ def estimate_rows(
         found.append([f"{what}, {name}", *_ranges(errors, one)])
     for quantity in contact_quantities(scene):
         found.append([quantity, *_ranges(errors, attrgetter(CONTACT[quantity]))])
+    if any(e.history for e in errors.values()):
+        found.append(["history of the probe", *_ranges(errors, attrgetter("history"))])
     return found
 
 

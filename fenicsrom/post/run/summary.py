@@ -392,7 +392,8 @@ def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
         (`fenicsrom.assess.errors.resonance`), "frequency by the CAUSE" is the error of its
         frequency, and "at the frequency of the loads by the CAUSE" that of the amplitude there.
         Where sliders are free, "from rest by the CAUSE" is the error of the amplitudes against the
-        other model's own run from rest.
+        other model's own run from rest. "history by the CAUSE" is the error of the displacements
+        of [probe] at equal times, of a run without a period.
     """
 
     def percent(value: float) -> float | None:
@@ -404,6 +405,8 @@ def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
             key = f"{attribute.replace('_', ' ')} by the {name}"
             found[key] = percent(getattr(error, attribute))
         found[f"directions by the {name}"] = [percent(value) for value in error.directions]
+        if error.history:
+            found[f"history by the {name}"] = percent(error.history)
         if error.from_rest is not None:
             found[f"from rest by the {name}"] = percent(error.from_rest.amplitude)
         if error.shift:
