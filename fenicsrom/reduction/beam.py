@@ -348,6 +348,7 @@ class BeamStructure(DenseBody):
             rows = np.concatenate([axes @ self.probe_rows for axes in frames])
         self.contact_rows = csr_array(rows)
         self.interface: Array | None = None
+        self.deflections: Array | None = None
         self.bolts, self.shifting_forces = no_bolts(d, self.size), np.zeros((self.size, 0))
         self.equilibrium: Array = np.zeros(self.size)
         self.rest_force = self.equilibrium

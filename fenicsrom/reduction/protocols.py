@@ -56,6 +56,7 @@ class Structure(Protocol):
             tangents].
         interface: (m, k) combinations of contact forces that give the static modes, the most
             important ones first; None: `basis.masters` chooses.
+        deflections: (local, k) nonlinear static deflections of the first of several bases, or None.
         probe_rows: (d, local) displacement of the probe.
         bolts: the bolts, which move apart by rows (b, d, local) of the displacements.
     """
@@ -73,6 +74,7 @@ class Structure(Protocol):
     points: ContactPoints
     contact_rows: csr_array
     interface: Array | None
+    deflections: Array | None
     probe_rows: Array
     bolts: Bolts
 

@@ -126,9 +126,18 @@ class Snapshots:
 
     @cached_property
     def static(self) -> Array:
-        """U_st (local, `STATIC_LEVELS`): snapshots of the nonlinear statics, m."""
+        """U_st (local, `STATIC_LEVELS`): snapshots of the nonlinear statics, m.
+
+        Where motions choose the interface vectors, those of the first basis serve all bases: the
+        vectors change the deflections at the contacts alone.
+        """
+        if self._structure.deflections is not None:
+            return self._structure.deflections
         largest = int(np.argmax(self._sizes(self._own)))
-        return static_snapshots(self._structure, self._model.vectors @ self._own[:, largest])
+        found = static_snapshots(self._structure, self._model.vectors @ self._own[:, largest])
+        if self._scene.basis.masters == "motion":
+            self._structure.deflections = found
+        return found
 
     @cached_property
     def _model(self) -> LinearModel:

@@ -101,6 +101,7 @@ class Solid(ElasticBody):
         between: (P,) whether each contact point is one between sectors.
         points: the contact points.
         interface: (m, k) combinations of contact forces for the static modes, or None.
+        deflections: (local, k) nonlinear static deflections of the first of several bases, or None.
         joined: whether there are contacts between bodies; their closed points are in the `factor`.
         pairs: a sentence on each of them, and on each tie.
         tied: the nodes of each tie.
@@ -140,6 +141,8 @@ class Solid(ElasticBody):
         self.excitation = highest_frequency(scene)
         self.loads = scene.loads
         self._tangent_workspace: PETSc.Mat | None = None
+        self.deflections: Array | None = None
+        self._modes: list[tuple[Array, Inverse, tuple[Array, Array]]] = []  # of the last call
         self._places = Places(self)
         self._unit_length = float(LENGTHS[scene.units.length])
         self._set_attachments(scene.attachments)
@@ -509,9 +512,14 @@ class Solid(ElasticBody):
         """The `count` lowest ω² (count,) and mass-normalised modes (local, count).
 
         `inverse` is K⁻¹, or the inverse with the contact displacements held at zero. Rigid motions
-        are not among them.
+        are not among them. Those of the last call are known.
         """
-        return eigenmodes(self.factor.matrix, self.mass, inverse, count, "fenicsrom_modes")
+        for at, inverted, (squares, modes) in self._modes:
+            if at is self.equilibrium and inverted is inverse and squares.size == count:
+                return squares, modes
+        found = eigenmodes(self.factor.matrix, self.mass, inverse, count, "fenicsrom_modes")
+        self._modes = [(self.equilibrium, inverse, found)]
+        return found
 
     # ------------------------------------------------------------------ statics
 
