@@ -142,7 +142,9 @@ def written(path: Path) -> Path:
 def test_inspection_names_the_sector_and_init_clamps_no_cut_face(tmp_path: Path) -> None:
     mesh = inspect(written(tmp_path / "sector.vtu"))
     assert any("one of 24 sectors" in warning for warning in mesh.warnings)
-    assert tomllib.loads(starter_scene(mesh, tmp_path))["supports"] == [{"group": "bore"}]
+    text = starter_scene(mesh, tmp_path)
+    assert tomllib.loads(text)["supports"] == [{"group": "bore"}]
+    assert "fenicsrom modes,\n# campbell, run, sweep and response:\n# [cyclic]" in text
 
 
 PUSH = {"group": "right", "direction": [0.0, 0.0, 1.0], "force": 1.0}

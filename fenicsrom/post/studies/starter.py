@@ -310,8 +310,8 @@ def _cyclic_lines(found: Inspection) -> list[str]:
     )
     return [
         "",
-        "# The mesh is one sector of a disk. This table gives the modes of the disk, in fenicsrom",
-        "# modes and campbell, which take no contacts with it:",
+        "# The mesh is one sector of a disk. This table makes it the disk, in fenicsrom modes,",
+        "# campbell, run, sweep and response:",
         "# [cyclic]",
         f"# sectors = {sector.number}",
         f"# left = {toml(cuts[0])}",

@@ -112,7 +112,7 @@ class Deviation:
 
 @dataclass(frozen=True, kw_only=True)
 class Cyclic:
-    """A disk of which the mesh is one sector, for `fenicsrom modes`, `campbell` and `run`.
+    """A disk of which the mesh is one sector.
 
     Loads, contacts, supports and attachments are in every sector alike, turned with it.
 
