@@ -143,7 +143,7 @@ def beyond(trained: Trained | None, scene: Scene, size: float, length: float = 0
         found.append(f"the probe moves by {size:.4g} m, and moved by {trained.amplitude:.4g} m")
     if length > LARGER * trained.duration:
         found.append(f"the motion lasts {length:.4g} s, and lasted {trained.duration:.4g} s")
-    found += [f"{key} is {now}, and was {was}" for key, was, now in trained.changed]
+    found += [f"{key} is {_given(now)}, and was {_given(was)}" for key, was, now in trained.changed]
     if not found:
         return []
     text = (
@@ -152,6 +152,11 @@ def beyond(trained: Trained | None, scene: Scene, size: float, length: float = 0
         "friction"
     )
     return [Note(NoteKind.ERROR, text, "basis.masters", quantity=DISSIPATION)]
+
+
+def _given(value: float | None) -> str:
+    """The value of a key, or that it has none."""
+    return "not given" if value is None else str(value)
 
 
 def unsettled(trained: Trained | None, scene: Scene, motion: Motion) -> list[Note]:

@@ -118,6 +118,7 @@ def contact_frequencies(run: Run) -> None:
     import numpy as np
 
     from fenicsrom.online.contact.points import closed_springs, contacts_of, springs_of
+    from fenicsrom.online.contact.together import SOFT
     from fenicsrom.reduction.modes import contact_frequencies as found
 
     study = run.study
@@ -125,7 +126,17 @@ def contact_frequencies(run: Run) -> None:
     contacts, d = contacts_of(study.scene, study.solid.points), study.solid.dimension
     springs = springs_of(contacts, d)
     if study.solid.joined:  # the others are in the factor already
-        springs -= closed_springs(contacts, study.solid.contact_rows @ study.solid.equilibrium)
+        closed = closed_springs(contacts, study.solid.contact_rows @ study.solid.equilibrium)
+        springs -= closed
+        held = closed.reshape(-1, d)[:, 1:].max(axis=1) > SOFT * contacts.normal_stiffness
+        if (free := np.flatnonzero((contacts.friction == 0.0) & held)).size:
+            key = f"contacts[{study.solid.points.contact[free[0]]}].friction"
+            text = (
+                f"{key} is 0, but closed points stick in the modes, and damping.ratios hold for "
+                f"these: let them slide by a tangential_stiffness below {SOFT:g} of "
+                "normal_stiffness"
+            )
+            study.warnings.append(Note(NoteKind.WARNING, text, key, quantity=FREQUENCIES))
     rigid = study.modes.rigid
     elastic = found(study.solid, springs, study.modes.omega.size - rigid)
     study.contact_hz = np.concatenate([np.zeros((rigid, 2)), elastic])

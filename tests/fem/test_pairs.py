@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -31,7 +31,9 @@ from fenicsrom.reduction import training
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.scene import Families, Response, Scene, make_scene
+from fenicsrom.study.building import contact_frequencies
 from fenicsrom.study.offline_cache import modes_table
+from fenicsrom.study.stage import Run
 from tests.boxes import blocks, stacked
 
 Array = NDArray[np.float64]
@@ -445,6 +447,20 @@ COARSE = {
     "parameters": {"elements_overlap": 6, "elements_lower": 6, "elements_along": 6}
     | {"elements_through": 1},
 }
+
+
+@pytest.mark.parametrize("change", [{}, {"friction": 0.0}, {"friction": 0.0, "soft": 1e-7}])
+def test_stuck_modes_of_a_joint_without_friction_are_in_doubt(change: dict[str, float]) -> None:
+    soft = change.pop("soft", 1.0) * PAIR["normal_stiffness"]
+    pair = {**PAIR, "group": "upper", "against": "lower", "tangential_stiffness": soft}
+    held = [{"group": "root"}, {"group": "tip", "components": ["x"]}]
+    scene = lap(contacts=[pair | change], geometry=COARSE, supports=held)
+    body, modes = solid(scene), SimpleNamespace(omega=np.ones(1), rigid=0)
+    study = SimpleNamespace(scene=scene, solid=body, modes=modes, warnings=[])
+    contact_frequencies(cast(Run, SimpleNamespace(study=study)))
+    doubtful = bool(change) and soft == PAIR["normal_stiffness"]
+    assert [note.key for note in study.warnings] == ["contacts[0].friction"] * doubtful
+    body.destroy()
 
 
 @pytest.mark.slow

@@ -81,6 +81,9 @@ def test_changed_joint_has_no_estimate_of_the_friction_of_other_vectors(
     found = replace(stored, trained=TRAINED).with_overrides(BOLTS)
     (note,) = beyond(found.trained, found.scene, 0.0)
     assert "bolts.1.force is 3000.0, and was 4000.0" in str(note)
+    fitted = replace(stored, trained=TRAINED).with_overrides({"contacts.0.gap": -2e-6})
+    (note,) = beyond(fitted.trained, fitted.scene, 0.0)
+    assert "contacts.0.gap is -2e-06, and was not given" in str(note)
     back = found.with_overrides(dict.fromkeys(BOLTS, 4000.0))
     assert not beyond(back.trained, back.scene, 0.0)
     moved = back.model.contact_offset - stored.model.contact_offset
