@@ -144,14 +144,18 @@ def campbell(
     return found
 
 
-@starts_from(pairs=True)
-def compare(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Comparison:
+@starts_from(pairs=True, sectors=True)
+def compare(
+    scene: Scene, comm: Any = None, *, folder: Path | None = None, stop: Callable[[], bool] = never
+) -> Comparison:
     """Compare reduced bases of a scene with its full model: error against run time. Collective.
 
     Args:
-        scene: a scene with a table [compare].
+        scene: a scene with a table [compare]; with [cyclic], its full model is the whole disk.
         comm: MPI communicator; by default all ranks.
         folder: folder of the output files; None writes no files.
+        stop: asked before each combination; after an interrupt, `interrupted` is set, and the
+            outcomes are those of the combinations that are done.
 
     Raises:
         SceneError: the scene cannot be used.
@@ -159,9 +163,10 @@ def compare(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Co
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.studies import compare as comparison
+    from fenicsrom.assess.studies.compare_disk import compare_disk
 
-    comm = comm or all_ranks()
-    return written(comparison.compare(scene, comm), folder, comm)
+    comm, method = comm or all_ranks(), comparison.compare if scene.cyclic is None else compare_disk
+    return written(method(scene, comm, stop), folder, comm)
 
 
 def stability(

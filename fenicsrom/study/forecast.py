@@ -94,7 +94,7 @@ def require_usable(command: str, scene: Scene) -> None:
     Raises:
         SceneError: the command would refuse the scene.
     """
-    if command not in ("run", "response", "modes", "campbell", "sweep"):
+    if command not in ("run", "response", "modes", "campbell", "compare", "sweep"):
         require_no_sector(scene, command)
     check: Callable[[Scene], object] = str
     if command in ("run", "sweep") and scene.cyclic is not None:
@@ -108,6 +108,8 @@ def require_usable(command: str, scene: Scene) -> None:
             from fenicsrom.assess.studies.ringdown import check_ringdown as check
         case "statics":
             from fenicsrom.assess.curves.equilibrium_path import varied_loads as check
+        case "compare" if scene.cyclic is not None:
+            from fenicsrom.assess.studies.compare_disk import scenes_of_disks as check
         case "campbell":
             from fenicsrom.assess.rotation.campbell import speeds_rpm as check
         case "map":

@@ -12,14 +12,16 @@ import pytest
 pytest.importorskip("meshio")
 pytest.importorskip("dolfinx")
 from mpi4py import MPI
-from scipy.spatial import cKDTree
 
 from fenicsrom import build_disk, build_solid, run, simulate
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.full.full import full_model
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.fem.solid.wave import wave
+from fenicsrom.fem.solid.whole_disk import as_sectors, whole_scene
 from fenicsrom.online.motion.measures import contact_fractions, friction_dissipation_per_period
 from fenicsrom.post.studies.disk_report import disk_report
 from fenicsrom.post.studies.disk_run_report import contacts, sentences
@@ -28,13 +30,11 @@ from tests.disks import (
     CYCLIC,
     PERIODS,
     N,
-    copied,
     extruded,
     pushes,
     scene_of,
     shrouded,
     spinning,
-    turned,
     wedged,
 )
 from tests.fem.test_disk_run import marched_alone
@@ -50,12 +50,10 @@ SHROUD = {"group": "ahead", "against": "behind", "neighbour": True}
 SLOW = spinning(2) | {"speed_rpm": 1e3}
 
 
-def tables(
-    points: Any, sectors: range, order: int = 2, force: float = 1e4, **more: Any
-) -> dict[str, Any]:
-    """Loads of an engine order at the tips of some sectors; `more` are other tables."""
+def tables(points: Any, order: int = 2, force: float = 1e4, **more: Any) -> dict[str, Any]:
+    """A load of an engine order at the tip; `more` are other tables."""
     given = {
-        "loads": pushes(order, sectors, points[TIP : TIP + 1], ACROSS, force),
+        "loads": pushes(order, range(1), points[TIP : TIP + 1], ACROSS, force),
         "damping": {"stiffness": 2e-5},
         "basis": {"modes": 20},
         "time": PERIODS,
@@ -68,51 +66,25 @@ def tables(
 def sector_scene(path: Path, mesh: Any, contacts: Any = (SHROUD,), **more: Any) -> Any:
     """The scene of one sector; `more` is that of `tables`."""
     points, cells, ends = mesh
-    given = {"cyclic": CYCLIC, "rotation": SLOW, **tables(points, range(1), **more)}
+    given = {"cyclic": CYCLIC, "rotation": SLOW, **tables(points, **more)}
     given["contacts"] = [{**PAIR, **one} for one in contacts]
     return scene_of(path, points, cells, ends=ends, **given)
 
 
-def whole_scene(path: Path, mesh: Any, contacts: Any = (SHROUD,), **more: Any) -> Any:
-    """The scene of the whole disk; `more` is that of `tables`."""
-    points, cells, ends = mesh
-    path = path / "whole"
-    path.mkdir()
-    every, copies = copied(points, cells, N)
-    near, given = cKDTree(every), tables(points, range(N), **more)
-    sets = {
-        f"{name}{j}": near.query(turned(points[nodes], j))[1]
-        for j in range(N)
-        for name, nodes in ends.items()
-    }
-    given["contacts"] = []
-    for j in range(N):
-        for one in contacts:  # the side at the beginning of a sector is that of the next one
-            later = one.get("neighbour", False) * ("behind",)
-            sides = {k: f"{one[k]}{(j + (one[k] in later)) % N}" for k in ("group", "against")}
-            given["contacts"].append({**PAIR, **one, "neighbour": False, **sides})
-    return scene_of(path, every, copies, ends=sets, rotation=SLOW, **given)
+def whole_body(scene: Any) -> tuple[Any, Any]:
+    """The scene of the whole disk, and its body."""
+    whole = whole_scene(scene)
+    return whole, solid_of(whole, build_mesh(scene.geometry, MPI.COMM_SELF, scene.cyclic))
 
 
-def by_sector(points: Any, values: Any) -> Any:
-    """Values (ns, P, d) of contact points, those of a contact from the axis outwards."""
-    away = np.linalg.norm(points.position, axis=1)
-    keys = zip(away.reshape(N, -1), points.contact.reshape(N, -1), strict=True)
-    order = np.array([np.lexsort(key) for key in keys])
-    found = values.reshape(len(values), N, -1, values.shape[2])
-    return np.take_along_axis(found, order[None, :, :, None], axis=2)
-
-
-def compared(found: Any, scene: Any) -> tuple[float, float, Any]:
+def compared(found: Any) -> tuple[float, float, Any]:
     """Errors of the contact displacements and forces against the whole disk, and its motion."""
-    body = build_solid(scene, MPI.COMM_SELF)
-    motion = simulate(full_model(body), scene)
+    whole, body = whole_body(found.scene)
+    points = found.disk.sector.model.points
+    motion = as_sectors(simulate(full_model(body), whole), body, points, found.scene)
     errors = []
     for name in ("displacement", "force"):
-        ours, wanted = (
-            by_sector(points, getattr(one, name))
-            for points, one in ((found.model.points, found.motion), (body.points, motion))
-        )
+        ours, wanted = (getattr(one, name) for one in (found.motion, motion))
         assert np.abs(ours[0] - wanted[0]).max() < 5e-6 * np.abs(wanted[0]).max()  # at rest
         wanted = wanted - wanted[0]
         errors.append(float(np.linalg.norm(ours - ours[0] - wanted) / np.linalg.norm(wanted)))
@@ -148,7 +120,7 @@ def test_shrouds_rub_and_lift_off_as_those_of_the_whole_disk(tmp_path: Path, end
     pairs = [SHROUD | dict(zip(("group", "against"), ends, strict=True))]
     given: dict[str, Any] = {"contacts": pairs, "force": 2e4}
     found = run(sector_scene(tmp_path, shrouded(), **given), MPI.COMM_SELF)
-    moved, pushed, motion = compared(found, whole_scene(tmp_path, shrouded(), **given))
+    moved, pushed, motion = compared(found)
     open_, slip = (np.mean(motion.state == state) for state in (-1, 0))
     assert open_ > 0.1 and slip > 0.2
     assert moved < 1e-6 and pushed < 2e-6
@@ -172,7 +144,7 @@ def test_wedges_between_blades_rub_as_those_of_the_whole_disk(tmp_path: Path) ->
         {"group": "high", "against": "behind", "preload": 0.0, "gap": 0.0, "neighbour": True},
     ]
     found = run(sector_scene(tmp_path, wedged(), contacts), MPI.COMM_SELF)
-    moved, pushed, motion = compared(found, whole_scene(tmp_path, wedged(), contacts))
+    moved, pushed, motion = compared(found)
     assert 0.1 < np.mean(motion.state == 0) < 0.9
     assert moved < 1e-5 and pushed < 2e-5
 
@@ -183,7 +155,7 @@ def test_shrouded_blades_swing_as_those_of_the_whole_disk(tmp_path: Path) -> Non
     more = {"geometrically_nonlinear": True, "basis": {"modes": 6}, "force": 1e5}
     scene = sector_scene(tmp_path, shrouded(), **more)
     found, linear = (run(s) for s in (scene, replace(scene, geometrically_nonlinear=False)))
-    moved, pushed, motion = compared(found, whole_scene(tmp_path, shrouded(), **more))
+    moved, pushed, motion = compared(found)
     assert moved < 1e-3 and pushed < 1e-3 and 0.1 < np.mean(motion.state == 0)
     ours, straight = (one.motion.displacement for one in (found, linear))
     assert np.linalg.norm(straight - ours) > 0.1 * np.linalg.norm(ours - ours[0])
@@ -205,7 +177,7 @@ def test_order_of_all_sectors_moves_shrouds_as_those_of_one_sector(tmp_path: Pat
 def test_modes_with_stuck_and_open_shrouds_are_those_of_the_whole_disk(tmp_path: Path) -> None:
     scene = sector_scene(tmp_path, shrouded(), basis={"modes": 3})
     found = nodal_diameters(scene, MPI.COMM_SELF)
-    body = build_solid(whole_scene(tmp_path, shrouded()), MPI.COMM_SELF)
+    body = whole_body(scene)[1]
     assert found.open_squares is not None
     for squares, times in (
         (found.squares[-1], body.held_times),

@@ -144,7 +144,7 @@ def test_inspection_names_the_sector_and_init_clamps_no_cut_face(tmp_path: Path)
     assert any("one of 24 sectors" in warning for warning in mesh.warnings)
     text = starter_scene(mesh, tmp_path)
     assert tomllib.loads(text)["supports"] == [{"group": "bore"}]
-    assert "fenicsrom modes,\n# campbell, run, sweep and response:\n# [cyclic]" in text
+    assert "fenicsrom modes,\n# campbell, run, sweep, compare and response:\n# [cyclic]" in text
 
 
 PUSH = {"group": "right", "direction": [0.0, 0.0, 1.0], "force": 1.0}

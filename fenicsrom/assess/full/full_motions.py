@@ -428,7 +428,7 @@ def full_motion(
     Args:
         body: the solid or the beam.
         scene: its scene.
-        name: the model, "full" or "beam".
+        name: the model, "full", "disk" or "beam".
         fresh: whether to compute a motion that the cache has.
         cached: False for a body of another mesh than that of its scene.
         options: of `simulate`.
@@ -481,9 +481,9 @@ def _motion_of(header: Any, arrays: Any) -> tuple[Motion, dict[str, Any]]:
     return store.unpack(header["motion"], arrays, {"Motion": Motion}), header["note"]
 
 
-DEPENDS = {"full": (), "beam": ("reference",), "periodic": ("basis",)}
-"""The tables on which one motion alone depends: of the solid, of the beam, or the periodic one that
-starts from that of the reduced model."""
+DEPENDS = {"full": (), "disk": (), "beam": ("reference",), "periodic": ("basis",)}
+"""The tables on which one motion alone depends: of the solid, of the whole disk of a sector, of the
+beam, or the periodic one that starts from that of the reduced model."""
 
 
 def cache_key(scene: Scene, name: str = "full") -> str | None:

@@ -152,6 +152,7 @@ class Comparison:
         points: the contact points.
         compilation: seconds of compilation and warming up; no other number contains them.
         warnings: notes for the user.
+        interrupted: whether the comparison was asked to stop before the last combination.
         files: the written files, the one to open first at the head.
     """
 
@@ -163,6 +164,7 @@ class Comparison:
     points: ContactPoints
     compilation: float
     warnings: list[Note]
+    interrupted: bool = False
     files: list[Path] = field(default_factory=list)
 
     def rank_correlation(self, name: str = "indicator") -> float | None:
@@ -316,9 +318,7 @@ def try_out(
         outcome.labels = basis.labels
         found = indicators(workshop.body, basis.vectors, motion, scene)
         outcome.indicator, outcome.residual = found
-        outcome.motion = replace(
-            motion, coordinates=None, velocity=None, acceleration=None, coordinate_time=None
-        )
+        outcome.motion = kept(motion)
         if timing:
             timings = time_runs(model, scene, motion, workshop.body.comm)
             outcome.online, outcome.timed_periods = timings
@@ -326,12 +326,23 @@ def try_out(
         outcome.failure = str(error)
         return outcome
     if full is not None:
-        outcome.errors = motion_errors(motion, full)
-        if scene.joined:
-            distance = times_distance(1.0, motion, full)
-            outcome.errors["probe"] = 100.0 * distance.probe
-            outcome.errors["friction_dissipation"] = 100.0 * distance.dissipation
+        outcome.errors = errors_against(motion, full, scene)
     return outcome
+
+
+def kept(motion: Motion) -> Motion:
+    """A motion without its coordinates."""
+    return replace(motion, coordinates=None, velocity=None, acceleration=None, coordinate_time=None)
+
+
+def errors_against(motion: Motion, full: Motion, scene: Scene) -> dict[str, float | None]:
+    """The errors of a motion against that of the full model, percent."""
+    found = motion_errors(motion, full)
+    if scene.joined:
+        distance = times_distance(1.0, motion, full)
+        found["probe"] = 100.0 * distance.probe
+        found["friction_dissipation"] = 100.0 * distance.dissipation
+    return found
 
 
 def _sized(
@@ -389,12 +400,13 @@ def time_runs(
     return tuple(run.seconds / run.steps * motion.steps for run in runs), SHORT_PERIODS
 
 
-def compare(scene: Scene, comm: Any) -> Comparison:
+def compare(scene: Scene, comm: Any, stop: Callable[[], bool] = lambda: False) -> Comparison:
     """Compare every combination of a scene's [compare] table with the full model.
 
     Args:
         scene: the scene.
         comm: MPI communicator of the offline stage and the full model.
+        stop: as of `try_each`.
 
     Raises:
         SceneError: the scene or a combination is impossible.
@@ -409,18 +421,28 @@ def compare(scene: Scene, comm: Any) -> Comparison:
     solid: Any = workshop.body
     solid.warnings += equilibrium_warnings(equilibrium_deformation(solid, scene))
     full, full_run = full_motion(solid, scene) if scene.compare.full else (None, {})
-    outcomes: list[Outcome] = []
-    for mesh in reversed(scenes):
-        if mesh:
+    mesh = ""
+
+    def attempt(combination: Combination) -> Outcome:
+        nonlocal workshop, mesh
+        if combination.mesh != mesh:
+            mesh = combination.mesh
             workshop = _workshop(scenes[mesh], scene, comm, cold)
-        chosen = [combination for combination in wanted if combination.mesh == mesh]
-        outcomes += compare_bases(workshop, scene, full, wanted=chosen)
+        return try_out(workshop, scene, combination, full)
+
+    outcomes, interrupted = try_each(wanted, attempt, stop)
     warned = list(dict.fromkeys(solid.warnings))  # the modes of each choice may say the same
-    if failed := sum(bool(outcome.failure) for outcome in outcomes):
-        text = f"{failed} of {counted(len(outcomes), 'combination')} failed"
-        warned.append(Note(NoteKind.FAILED, text))
+    warned += failed_note(outcomes)
     seconds = cold["compilation"]
-    return Comparison(scene, outcomes, full, full_run, solid.free, solid.points, seconds, warned)
+    of = full, full_run, solid.free, solid.points
+    return Comparison(scene, outcomes, *of, seconds, warned, interrupted)
+
+
+def failed_note(outcomes: Sequence[Outcome]) -> list[Note]:
+    """A note on the combinations that failed, if there are any."""
+    failed = sum(bool(outcome.failure) for outcome in outcomes)
+    text = f"{failed} of {counted(len(outcomes), 'combination')} failed"
+    return [Note(NoteKind.FAILED, text)] if failed else []
 
 
 def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> Workshop:
@@ -461,20 +483,36 @@ def warm_up(workshop: Workshop, scene: Scene) -> None:
     simulate(reduction.model, replace(scene, time=short))
 
 
-def compare_bases(
-    workshop: Workshop,
-    scene: Scene,
-    full: Motion | None,
-    timing: bool = True,
-    wanted: Sequence[Combination] | None = None,
-) -> list[Outcome]:
-    """Run every combination on a mesh; after each, report its result and the remaining time."""
-    wanted = combinations(scene) if wanted is None else wanted
+def try_each(
+    wanted: Sequence[Combination],
+    attempt: Callable[[Combination], Outcome],
+    stop: Callable[[], bool] = lambda: False,
+) -> tuple[list[Outcome], bool]:
+    """Try every combination; after each, report its result and the remaining time.
+
+    Args:
+        wanted: the combinations.
+        attempt: tries one.
+        stop: asked before each.
+
+    Returns:
+        The outcomes, and whether an interrupt or `stop` left some out.
+
+    Raises:
+        KeyboardInterrupt: there is no outcome yet.
+    """
     spent: dict[str, list[float]] = {}
-    outcomes = []
+    outcomes: list[Outcome] = []
     for k, combination in enumerate(wanted):
         begin = clock.perf_counter()
-        outcome = try_out(workshop, scene, combination, full, timing)
+        try:
+            if stop():
+                raise KeyboardInterrupt
+            outcome = attempt(combination)
+        except KeyboardInterrupt:
+            if not outcomes:
+                raise
+            return outcomes, True
         outcomes.append(outcome)
         spent.setdefault(combination.elastic_force, []).append(clock.perf_counter() - begin)
         mean = {kind: float(np.mean(times)) for kind, times in spent.items()}
@@ -485,4 +523,4 @@ def compare_bases(
         result += f", {1e3 * outcome.online_seconds:.3g} ms" if outcome.online else ""
         result += f", error {error:.2g} %" if error is not None else ""
         log.info(f"{k + 1}/{len(wanted)} {combination.name}: {result}; about {left:.0f} s left")
-    return outcomes
+    return outcomes, False

@@ -18,14 +18,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from fenicsrom import formats
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.mesh.gmsh_cad import mesh_cad, model_nodes
 from fenicsrom.formats import Block, MeshFile
-from fenicsrom.formats.mesh_file import Ints, Physics
+from fenicsrom.formats.mesh_file import Floats, Ints, Physics
 from fenicsrom.formats.shapes import SHAPES
-from fenicsrom.scene import Geometry
+from fenicsrom.scene import Cyclic, Geometry
 from fenicsrom.scene.base.rules import Where
 
 HEADERS = {
@@ -115,6 +119,9 @@ def check_survival(source: str, link: str) -> None:
 
 FARTHEST = 1e15
 """Larger coordinates, in the unit of the file, may make gmsh crash or fill all memory."""
+
+SAME_NODE = 1e-5
+"""Nodes of two cut faces at smaller distances, relative to the body, are one node of the disk."""
 
 MOST_CELLS = 2000
 """Largest number of cells along the body."""
@@ -211,6 +218,72 @@ def load_files(gmsh: Any, geometry: Geometry) -> Loaded:
         gmsh.model.remove()
     whole = _add_mesh(gmsh, str(geometry.mesh), formats.divided(_together(geometry, parts)))
     return replace(whole, warnings=(*warnings, *whole.warnings), glued=glued)
+
+
+def load_disk(gmsh: Any, geometry: Geometry, cyclic: Cyclic) -> Loaded:
+    """Read the files of a sector, and put all sectors of its disk into one model.
+
+    Raises:
+        SceneError: as `load_files`; or the nodes of the cut faces do not match.
+    """
+    loaded = load_files(gmsh, geometry)
+    sector = _named(mesh_of_model(gmsh, loaded.node_sets), "", geometry.dimension)
+    gmsh.model.remove()
+    whole = _add_mesh(gmsh, str(geometry.mesh), _sectors(sector, geometry, cyclic))
+    return replace(loaded, node_sets=whole.node_sets)
+
+
+def _sectors(file: MeshFile, geometry: Geometry, cyclic: Cyclic) -> MeshFile:
+    """All sectors of a disk with common nodes; "tip@3" is the group "tip" of sector 3.
+
+    Raises:
+        SceneError: the nodes of the cut faces do not match.
+    """
+    d, n, every = geometry.dimension, len(file.points), np.arange(cyclic.sectors)
+    axis = np.array(cyclic.axis or (0.0, 0.0, 1.0))
+    point = np.pad(np.array(cyclic.point), (0, 3 - d)) / geometry.scale
+
+    def turned(x: Floats, j: int) -> Floats:
+        turn = Rotation.from_rotvec(2.0 * np.pi * j / len(every) * axis)
+        return np.asarray(point + turn.apply(x - point))
+
+    left, right = (_nodes_below(file, name, d) for name in (cyclic.left, cyclic.right))
+    tree = cKDTree(file.points[left])
+    near = {sense: tree.query(turned(file.points[right], -sense)) for sense in (1, -1)}
+    sense = min(near, key=lambda s: float(near[s][0].max()))
+    distance, opposite = near[sense]
+    away = int(np.sum(distance > SAME_NODE * np.ptp(file.points, axis=0).max()))
+    if away or len({*opposite}) < len(left):
+        reason = f"must have the nodes of {cyclic.right!r}, turned, to join the sectors of the "
+        reason += f"whole disk in finite elements: {len(left)} nodes meet {len(right)}, of which "
+        reason += f"{away} lie elsewhere; mesh both cut faces alike"
+        where = Where(str(geometry.mesh), "cyclic.left")
+        raise where.refuse(cyclic.left, reason, ErrorKind.MESH)
+    pairs = np.add.outer(every * n, right), np.add.outer((every + sense) % len(every) * n, left)
+    rows, columns = pairs[0].ravel(), pairs[1][:, opposite].ravel()
+    graph = coo_array((np.ones(rows.size), (rows, columns)), shape=(n * len(every),) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    first, number = np.unique(labels, return_index=True, return_inverse=True)[1:]
+    blocks, sets = [], dict[str, Ints]()
+    for j in every:
+        for block in file.blocks:
+            own = {f"{name}@{j}": marks for name, marks in block.groups.items()}
+            nodes = number[block.nodes + j * n]
+            blocks.append(replace(block, nodes=nodes, groups=block.groups | own))
+        sets |= {f"{name}@{j}": number[nodes + j * n] for name, nodes in file.node_groups.items()}
+    for name in file.node_groups:
+        sets[name] = np.unique(np.concatenate([sets[f"{name}@{j}"] for j in every]))
+    points = np.concatenate([turned(file.points, j) for j in every])[first]
+    return MeshFile(points, tuple(blocks), sets)
+
+
+def _nodes_below(file: MeshFile, name: str, dimension: int) -> Ints:
+    """The nodes of a group of facets, edges or nodes."""
+    found = [file.node_groups.get(name, np.empty(0, dtype=np.int64))]
+    for block in file.blocks:
+        if block.shape.dimension < dimension and name in block.groups:
+            found.append(block.nodes[block.groups[name]].ravel())
+    return np.unique(np.concatenate(found))
 
 
 def _part(geometry: Geometry, path: Path, before: str) -> Geometry:

@@ -21,10 +21,10 @@ from mpi4py import MPI
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.base import compat
 from fenicsrom.fem.base.forms import compiled_form
-from fenicsrom.fem.mesh.gmsh_files import load_files, open_gmsh
+from fenicsrom.fem.mesh.gmsh_files import load_disk, load_files, open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
 from fenicsrom.fem.mesh.sector import Sector
-from fenicsrom.scene import Geometry, Region
+from fenicsrom.scene import Cyclic, Geometry, Region
 from fenicsrom.scene.base.rules import Where, choice, number
 from fenicsrom.words import brief
 
@@ -435,7 +435,7 @@ def group_tags(name: str, tags: Any, present: set[int], source: str) -> tuple[in
     return found
 
 
-def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
+def build_mesh(geometry: Geometry, comm: MPI.Comm, disk: Cyclic | None = None) -> Mesh:
     """Make or read the mesh of a scene. Collective.
 
     In a .geo file, `geometry.parameters` sets the names in its `DefineConstant`. If `structured` is
@@ -455,6 +455,8 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
     Args:
         geometry: the [geometry] of the scene.
         comm: communicator to distribute the mesh on.
+        disk: the disk of which the file is a sector, to make the mesh of all sectors, in which
+            "tip@3" is the group "tip" of sector 3.
 
     Returns:
         The mesh, with the same groups on every rank.
@@ -469,7 +471,7 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
 
         def draft() -> tuple[CleanModel, Any]:
             gmsh = stack.enter_context(open_gmsh())
-            loaded = load_files(gmsh, geometry)
+            loaded = load_disk(gmsh, geometry, disk) if disk else load_files(gmsh, geometry)
             clean = clean_model(gmsh, geometry, loaded.node_sets)
             warnings = (*loaded.warnings, *clean.warnings)
             return replace(clean, warnings=warnings, glued=loaded.glued), gmsh.model

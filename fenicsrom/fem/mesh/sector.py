@@ -91,7 +91,7 @@ class Sector:
             f"the body {looks} one of {self.number} sectors of a disk about the axis ({axis}): two "
             f"cut faces map onto each other by a rotation; {so} modes and motions are those of "
             "this sector with free cut faces, not those of the disk: give the table [cyclic] "
-            "(fenicsrom modes, campbell, run, sweep, response), or mesh the whole disk"
+            "(fenicsrom modes, campbell, run, sweep, compare, response), or mesh the whole disk"
         )
         return Note(NoteKind.WARNING if self.is_likely else NoteKind.REMARK, text, "geometry")
 

@@ -156,12 +156,15 @@ def sentences(comparison: Comparison) -> list[str]:
     """State the results of the comparison."""
     found = []
     amplitude = _error_name(comparison)
-    small = [o for o in rated(comparison) if len(o.labels) <= SMALL]
+    disk = comparison.scene.cyclic is not None
+    small = [o for o in rated(comparison) if disk or len(o.labels) <= SMALL]
     if small:
         best = min(small, key=amplitude_error)
+        what = "nearest disk of reduced sectors" if disk else f"best basis of at most {SMALL} "
+        what, of = (what, " of a sector") if disk else (f"{what}coordinates", "")
         found.append(
-            f"The best basis of at most {SMALL} coordinates is {best.combination.name} with "
-            f"{counted(len(best.labels), 'coordinate')}: its error of the {amplitude} is "
+            f"The {what} is {best.combination.name} with "
+            f"{counted(len(best.labels), 'coordinate')}{of}: its error of the {amplitude} is "
             f"{amplitude_error(best):.2g} %, it is "
             f"{comparison.speed_up(best):.0f} times as fast as the full model, and its offline "
             f"time pays off after {_runs(comparison.break_even(best))}."
@@ -187,6 +190,8 @@ def sentences(comparison: Comparison) -> list[str]:
     found += [
         f"{o.combination.name} has no motion: {o.failure}" for o in comparison.outcomes if o.failure
     ]
+    if comparison.interrupted:
+        found.append("The comparison was interrupted: the other combinations are missing.")
     return found
 
 
@@ -387,6 +392,7 @@ def pictures(comparison: Comparison) -> list[Picture]:
             ("Estimated against true error", "estimate", estimate_figure, ESTIMATE_NOTE),
         )
         if name != "estimate" or comparison.scene.joined
+        if name != "indicator" or comparison.scene.cyclic is None
     ]
 
 

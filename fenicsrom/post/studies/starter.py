@@ -311,7 +311,7 @@ def _cyclic_lines(found: Inspection) -> list[str]:
     return [
         "",
         "# The mesh is one sector of a disk. This table makes it the disk, in fenicsrom modes,",
-        "# campbell, run, sweep and response:",
+        "# campbell, run, sweep, compare and response:",
         "# [cyclic]",
         f"# sectors = {sector.number}",
         f"# left = {toml(cuts[0])}",

@@ -246,6 +246,12 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     yield from curve_checks.statics_problems(scene)
 
 
+def regions(scene: Scene) -> list[tuple[str, Region]]:
+    """Give the supports and the places of a scene with their keys."""
+    supports = [(f"supports[{k}]", support) for k, support in enumerate(scene.supports)]
+    return [*supports, *_places(scene)]
+
+
 def _places(scene: Scene) -> list[tuple[str, Place]]:
     """Give the places of a scene with their keys."""
     loads = enumerate(scene.loads)
@@ -284,9 +290,7 @@ def _vector_problems(scene: Scene) -> Problems:
 
 
 def _place_problems(scene: Scene) -> Problems:
-    supports = [(f"supports[{k}]", support) for k, support in enumerate(scene.supports)]
-    regions: list[tuple[str, Region]] = [*supports, *_places(scene)]
-    for key, region in regions:
+    for key, region in regions(scene):
         given = {name: value for name in REGION_KEYS if (value := getattr(region, name, None))}
         if not given:
             names = [name for name in REGION_KEYS if hasattr(region, name)]
@@ -311,7 +315,7 @@ def require_no_sector(scene: Scene, command: str) -> None:
     """
     if scene.cyclic is not None:
         allowed = f"not allowed in fenicsrom {command}: sectors of disks are allowed in fenicsrom "
-        allowed += "run, sweep, response, modes, campbell and plan"
+        allowed += "run, sweep, response, modes, campbell, compare and plan"
         raise refuse(scene.source, allowed, ErrorKind.CONFLICT, "cyclic")
 
 

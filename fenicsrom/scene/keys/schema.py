@@ -301,7 +301,7 @@ class Scene:
         time: the time integration.
         reference: the models with which the reduced model is compared.
         output: the files to write.
-        compare: models of `fenicsrom compare`.
+        compare: models of `fenicsrom compare`; of disks by `modes`, `schemes` and `steps`.
         campbell: diagram of `fenicsrom campbell`.
         map: interaction map of `fenicsrom map`.
         response: curves of `fenicsrom response`.

@@ -1,0 +1,119 @@
+"""Disks of reduced sectors against the whole disk in finite elements: error against run time.
+
+Besides numbers of normal modes, [compare] may list schemes and time steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from fenicsrom.assess.full.full_motions import full_motion
+from fenicsrom.assess.rotation.disk_run import disk_run
+from fenicsrom.assess.studies.compare import (
+    Combination,
+    Comparison,
+    Outcome,
+    combinations,
+    errors_against,
+    failed_note,
+    kept,
+    time_runs,
+    timed,
+    try_each,
+    with_combination,
+)
+from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.fixed_sector import stored_disk
+from fenicsrom.fem.solid.solid import solid_of
+from fenicsrom.fem.solid.whole_disk import as_sectors, whole_scene
+from fenicsrom.online.model.disk_model import disk_scene
+from fenicsrom.progress import log
+from fenicsrom.scene import Compare, Scene
+from fenicsrom.scene.base.rules import Problem, Problems, Where
+from fenicsrom.scene.base.tables import require_none
+from fenicsrom.scene.checks.rotation_checks import require_disk_run
+
+
+def compare_disk(scene: Scene, comm: Any, stop: Callable[[], bool]) -> Comparison:
+    """Compare reduced disks of a scene's [compare] table with the whole disk in finite elements.
+
+    Args:
+        scene: a scene with the table [cyclic].
+        comm: MPI communicator.
+        stop: as of `try_each`.
+
+    Raises:
+        SceneError: the scene or a combination is impossible.
+        ConvergenceError, AccuracyError: the whole disk or the first reduced one failed. The failure
+            of another one is part of its outcome.
+    """
+    whole, scenes = scenes_of_disks(scene)
+    wanted = [*scenes]
+    cold, seconds = dict[str, float](), dict[str, float]()
+    with timed(seconds, "mesh"):
+        mesh = build_mesh(scene.geometry, comm)
+    log.info("compiling and warming up ..")
+    with timed(cold, "compilation"):
+        first = stored_disk(scenes[wanted[0]], mesh, partial(timed, {}))
+    points = first.sector.model.points
+    body = solid_of(whole, build_mesh(scene.geometry, comm, scene.cyclic))
+    log.info(f"the whole disk in finite elements has {body.free} unknowns")
+    full, full_run = full_motion(body, whole, "disk")
+    beside = as_sectors(full, body, points, scene)
+
+    def attempt(combination: Combination) -> Outcome:
+        one, outcome = scenes[combination], Outcome(combination, offline=dict(seconds))
+        try:
+            with timed(outcome.offline, "disk"):
+                disk = stored_disk(one, mesh, partial(timed, {}))
+            found = disk_run(disk, partial(timed, {}), stop)
+            if found.interrupted:
+                raise KeyboardInterrupt
+            if found.unfinished is not None and not found.errors:  # else only an error is large
+                raise found.unfinished
+            timings = time_runs(found.model, disk_scene(one), found.motion, comm)
+        except (ConvergenceError, AccuracyError) as error:
+            outcome.failure = str(error)
+            return outcome
+        outcome.labels = tuple(f"q{k + 1}" for k in range(disk.sector.model.size))
+        outcome.estimated = found.errors.get("basis")
+        outcome.motion = kept(found.motion)
+        outcome.online, outcome.timed_periods = timings
+        outcome.errors = errors_against(found.motion, beside, scene)
+        return outcome
+
+    outcomes, interrupted = try_each(wanted, attempt, stop)
+    warned = [*body.warnings, *failed_note(outcomes)]
+    of = full, full_run, body.free, points
+    return Comparison(scene, outcomes, *of, cold["compilation"], warned, interrupted)
+
+
+def scenes_of_disks(scene: Scene) -> tuple[Scene, dict[Combination, Scene]]:
+    """The scene of the whole disk, and that of a sector by each combination.
+
+    Raises:
+        SceneError: the scene or a combination is impossible.
+    """
+    require_none(_problems(scene.compare), scene, Where(scene.source))
+    methods, derivatives = (scene.basis.method,), (scene.basis.derivatives,)
+    table = replace(scene.compare, methods=methods, derivatives=derivatives)
+    scene = replace(scene, compare=table)
+    scenes = {
+        combination: with_combination(scene, combination) for combination in combinations(scene)
+    }
+    for one in scenes.values():
+        require_disk_run(one)
+    return whole_scene(scene), scenes
+
+
+def _problems(table: Compare) -> Problems:
+    """Yield the lists that do not choose among reduced disks."""
+    usual = Compare()
+    for name in ("full", "methods", "derivatives", "sizes", "elastic_force", "meshes"):
+        if getattr(table, name) != getattr(usual, name):
+            allowed = "not allowed with [cyclic], where modes, schemes and steps are compared"
+            yield Problem(f"compare.{name}", allowed)

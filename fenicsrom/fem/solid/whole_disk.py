@@ -1,0 +1,173 @@
+"""All sectors of a disk as one scene, for the full model of a scene with [cyclic].
+
+Sector j is sector 0 turned by j 360°/N about the axis, and so are its loads, contacts, supports and
+attachments; the phases of engine orders are those of `fenicsrom.online.model.disk_model`. The mesh
+comes from `build_mesh` with the table [cyclic]. A contact between regions is one contact of all
+sectors, in which the closest facets of the other regions lie opposite.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from fenicsrom.arrays import Array
+from fenicsrom.fem.solid.solid import Solid
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.model.disk_model import disk_scene
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.scene import Cyclic, Scene
+from fenicsrom.scene.base.rules import Problem, Problems, Where
+from fenicsrom.scene.base.tables import plain, require_none
+from fenicsrom.scene.checks.checks import regions
+from fenicsrom.scene.keys.places import AXES, Elasticity
+
+SHIFTED = 1e-6
+"""Components are those of the turned frame up to this rounding."""
+
+
+class _Turn:
+    """The turn of sector 0 to sector j."""
+
+    def __init__(self, cyclic: Cyclic, j: int):
+        """Take the angle j 360°/N about the axis."""
+        self._j, self._d = j, len(cyclic.point or ())
+        axis = np.array(cyclic.axis or (0.0, 0.0, 1.0))
+        whole = Rotation.from_rotvec(2.0 * np.pi * j / cyclic.sectors * axis).as_matrix()
+        self.matrix: Array = whole[: self._d, : self._d]
+        self._point = np.array(cyclic.point)
+
+    def moved(self, points: Array) -> Array:
+        """Points (n, d) of sector j."""
+        return np.asarray(self._point + (points - self._point) @ self.matrix.T)
+
+    def of(self, table: Any) -> Any:
+        """A table of sector j: its groups, places and directions, in the tables inside it, too."""
+        found: dict[str, Any] = {}
+        for name in (entry.name for entry in fields(table)):
+            value = getattr(table, name)
+            if is_dataclass(value):
+                found[name] = self.of(value)
+            elif name == "group" and value is not None:
+                found[name] = f"{value}@{self._j}"
+            elif name in ("direction", "normal", "node", "nearest") and value is not None:
+                is_place = name in ("node", "nearest")
+                at = self.moved(np.array([value]))[0] if is_place else self.matrix @ value
+                found[name] = tuple(at.tolist())
+        return replace(table, **found)
+
+
+def whole_scene(scene: Scene) -> Scene:
+    """The scene of the whole disk.
+
+    Args:
+        scene: a scene with the table [cyclic].
+
+    Raises:
+        SceneError: it has what cannot be copied to other sectors.
+    """
+    require_none(_problems(scene), scene, Where(scene.source))
+    assert scene.cyclic is not None
+    turns = [_Turn(scene.cyclic, j) for j in range(scene.cyclic.sectors)]
+    count, contacts = len(scene.loads), scene.contacts
+    loads = enumerate(disk_scene(scene).loads)  # one sector after the other
+    copied = [(contacts[k], turns[j]) for j, k in _contacts(scene)]
+    return replace(
+        scene,
+        cyclic=None,
+        loads=tuple(turns[k // count].of(x) for k, x in loads if k < count or not x.everywhere),
+        contacts=tuple(replace(c if c.against else t.of(c), neighbour=False) for c, t in copied),
+        supports=tuple(turn.of(one) for turn in turns for one in scene.supports),
+        attachments=tuple(turn.of(one) for turn in turns for one in scene.attachments),
+        probe=scene.probe and turns[0].of(scene.probe),
+    )
+
+
+def _contacts(scene: Scene) -> list[tuple[int, int]]:
+    """The sector and the number in the scene of a sector of each contact of the whole disk."""
+    assert scene.cyclic is not None
+    every = [(j, k) for j in range(scene.cyclic.sectors) for k in range(len(scene.contacts))]
+    return [(j, k) for j, k in every if j == 0 or scene.contacts[k].against is None]
+
+
+def _problems(scene: Scene) -> Problems:
+    """Yield what cannot be copied to other sectors."""
+    cyclic, what = scene.cyclic, "in the whole disk of fenicsrom compare"
+    assert cyclic is not None
+    matrix = _Turn(cyclic, 1).matrix
+    for table in ("supports", "attachments"):
+        for k, one in enumerate(getattr(scene, table)):
+            held = np.diag([name in (one.components or AXES) for name in AXES[: len(matrix)]])
+            if np.abs(matrix @ held @ matrix.T - held).max() > SHIFTED:
+                allowed = f"must be all, that along the axis, or the other ones {what}"
+                yield Problem(f"{table}[{k}].components", allowed)
+    places = regions(scene)
+    more = [(f"materials[{k}]", one) for k, one in enumerate(scene.materials)]
+    materials: list[tuple[str, Elasticity]] = [("material", scene.material), *more]
+    unusual: dict[str, object] = {
+        "cyclic.mistuning": cyclic.mistuning,
+        "damping.ratios": any(scene.damping.modal) and scene.damping.ratios,
+        **{f"{key}.young": not m.is_isotropic and m.young for key, m in materials},
+        **{f"loads[{k}].engine_order": x.everywhere and x.order for k, x in enumerate(scene.loads)},
+        **{f"{key}.box": region.box for key, region in places},
+        **{f"{key}.plane": region.plane for key, region in places},
+    }
+    for key in filter(unusual.get, unusual):
+        hint = "; use a group" if key.endswith(("box", "plane")) else ""
+        yield Problem(key, f"not allowed {what}{hint}", value=plain(unusual[key]))
+
+
+def as_sectors(motion: Motion, body: Solid, points: ContactPoints, scene: Scene) -> Motion:
+    """The motion of the whole disk in the order and in the frames of the contact points of sectors.
+
+    Args:
+        motion: the motion.
+        body: the whole disk.
+        points: (P,) the points of sector 0.
+        scene: the scene of a sector.
+
+    Returns:
+        The motion, without what an integration could continue.
+    """
+    if not scene.contacts:
+        return motion
+    cyclic, own = scene.cyclic, body.points
+    assert cyclic is not None
+    number = np.array([k for _, k in _contacts(scene)])[own.contact]
+    every = cyclic.sectors, len(points.contact)
+    order, frames = np.empty(every, dtype=np.int64), np.empty((*every, *points.frame.shape[1:]))
+    for k in np.unique(points.contact):
+        at, there = np.flatnonzero(points.contact == k), np.flatnonzero(number == k)
+        near, side = cKDTree(own.position[there]), _first_side(body, points, scene, k)
+        for j in range(cyclic.sectors):
+            turn = _Turn(cyclic, j + side)
+            order[j, at] = there[near.query(turn.moved(points.position[at]))[1]]
+            frames[j, at] = points.frame[at] @ turn.matrix.T
+    order, frames = order.ravel(), frames.reshape(-1, *points.frame.shape[1:])
+    turned = frames @ own.frame[order].transpose(0, 2, 1)
+    seen = {
+        name: np.einsum("pij,...pj->...pi", turned, getattr(motion, name)[..., order, :])
+        for name in ("displacement", "force", "mean_force")
+    }
+    for name in ("gap", "state", "point_friction_dissipation"):
+        seen[name] = getattr(motion, name)[:, order]
+    return replace(motion, end=None, **seen)
+
+
+def _first_side(body: Solid, points: ContactPoints, scene: Scene, k: int) -> int:
+    """1 if the first region of contact k between sectors j and j + 1 is that of j + 1, else 0."""
+    contact, cyclic = scene.contacts[k], scene.cyclic
+    assert cyclic is not None
+    if not contact.neighbour:
+        return 0
+    x = body.space.tabulate_dof_coordinates()[:, : body.dimension]
+    middle = points.position[points.contact == k].mean(axis=0)
+    away = [
+        np.linalg.norm(x[body.mesh.nodes(f"{contact.against}@{j}", body.space)].mean(0) - middle)
+        for j in (1, cyclic.sectors - 1)
+    ]
+    return int(away[1] < away[0])

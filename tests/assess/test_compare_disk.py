@@ -1,0 +1,147 @@
+"""Disks of reduced sectors against the whole disk in finite elements."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("meshio")
+pytest.importorskip("dolfinx")
+from mpi4py import MPI
+
+from fenicsrom import build_solid, compare, simulate
+from fenicsrom.errors import ErrorKind
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.post.studies.compare_report import sentences
+from tests.disks import (
+    CYCLIC,
+    PERIODS,
+    STEEL,
+    N,
+    copied,
+    extruded,
+    ring,
+    scene_of,
+    shrouded,
+    spinning,
+)
+from tests.fem.test_disk_run import sector_scene, tables
+from tests.support import refusal
+
+
+@pytest.fixture(autouse=True)
+def no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every full model runs."""
+    monkeypatch.setattr("fenicsrom.online.store.store.cache_folder", lambda: None)
+
+
+def test_comparison_has_the_whole_disk_beside_disks_of_sectors(tmp_path: Path) -> None:
+    """Walls with friction; the whole disk of the program moves as one that is made by hand."""
+    folder, chosen = tmp_path / "out", {"modes": [0, 20], "steps": [40]}
+    found = compare(sector_scene(tmp_path, 2, compare=chosen), MPI.COMM_SELF, folder=folder)
+    more = tables(2, range(N))
+    whole = scene_of(tmp_path, *copied(*ring(), N), rotation=spinning(2), **more)
+    wanted = simulate(full_model(build_solid(whole, MPI.COMM_SELF)), whole)
+    assert found.full is not None
+    ours, size = found.full.displacement, np.abs(wanted.displacement).max()
+    np.testing.assert_allclose(ours, wanted.displacement, atol=1e-10 * size)
+    few, many = found.outcomes
+    assert many.errors["history"] < 1e-3 and 0.1 < few.error < 0.5  # percent
+    assert many.error < 2e-3 and many.errors["state"] == 0.0
+    assert (len(few.labels), len(many.labels)) == (18, 38)
+    told = json.loads((folder / "comparison.json").read_text())
+    assert told["dofs"] == found.unknowns == 192
+    said = " ".join(sentences(found))
+    assert "disk of reduced sectors is rubin, 20V" in said and "38 coordinates of a sector" in said
+    names = {file.name for file in found.files}
+    assert {"pareto.png", "size.png"} < names and "indicator.png" not in names
+
+
+def test_interrupted_comparison_keeps_the_disks_that_are_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[Any] = []
+    where = "fenicsrom.assess.studies.compare_disk.errors_against"
+    monkeypatch.setattr(where, lambda *given: done.append(given) or {})
+    scene = sector_scene(tmp_path, 2, compare={"modes": [1, 2]})
+    found = compare(scene, MPI.COMM_SELF, stop=lambda: bool(done))
+    assert found.interrupted and len(found.outcomes) == 1
+    assert "interrupted" in " ".join(sentences(found))
+    with pytest.raises(KeyboardInterrupt):
+        compare(scene, MPI.COMM_SELF, stop=lambda: True)
+
+
+@pytest.mark.slow
+def test_frames_of_a_disk_in_space_turn_with_its_sectors(tmp_path: Path) -> None:
+    """The nodes of the tips rub along a round casing, under a load on a group."""
+    points, cells, ends = extruded(shrouded())
+    n = len(points) // 2
+    middle = np.pi / N
+    along = [-np.sin(middle), np.cos(middle), 0.3]
+    casing = {"kind": "cylinder", "point": [0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0]}
+    wall = {"group": "tip", "at": "nodes", "surface": casing, "preload": 100.0, "friction": 0.3}
+    wall |= {"normal_stiffness": 1e6, "tangential_stiffness": 1e6}
+    load = {"group": "tip", "direction": along, "force": 2e4, "engine_order": 2}
+    scene = scene_of(
+        tmp_path,
+        points,
+        cells,
+        ends=ends | {"tip": np.array([14, 15, 14 + n, 15 + n])},
+        cyclic=CYCLIC | {"axis": [0.0, 0.0, 1.0]},
+        rotation=spinning(3) | {"speed_rpm": 1e3},
+        loads=[load],
+        contacts=[wall],
+        damping={"stiffness": 2e-5},
+        time=PERIODS,
+        geometrically_nonlinear=False,
+        probe={"group": "tip"},
+        compare={"modes": [20]},
+    )
+    (found,) = compare(scene, MPI.COMM_SELF).outcomes
+    assert found.errors["history"] < 1e-3 and found.error < 1e-3  # percent
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "more"),
+    [
+        (ErrorKind.CONFLICT, "cyclic.mistuning", {"cyclic": CYCLIC | {"mistuning": N * [0.1]}}),
+        (ErrorKind.CONFLICT, "damping.ratios", {"damping": {"ratios": 0.01, "modes": 2}}),
+        (ErrorKind.CONFLICT, "compare.derivatives", {"compare": {"derivatives": ["all"]}}),
+        (ErrorKind.CONFLICT, "compare.full", {"compare": {"full": False}}),
+        (
+            ErrorKind.CONFLICT,
+            "material.young",
+            {"material": STEEL | {"young": [2e11, 1e11], "poisson": [0.3, 0.3], "shear": 5e10}},
+        ),
+        (
+            ErrorKind.CONFLICT,
+            "supports[0].box",
+            {"supports": [{"box": [[0.0, 0.0], [0.11, 0.11]]}]},
+        ),
+        (
+            ErrorKind.CONFLICT,
+            "attachments[0].components",
+            {"attachments": [{"group": "rim", "stiffness": 1.0, "components": ["x"]}]},
+        ),
+    ],
+)
+def test_what_the_whole_disk_cannot_have_is_refused(
+    tmp_path: Path, kind: ErrorKind, key: str, more: dict[str, Any]
+) -> None:
+    with refusal(kind, key=key):
+        compare(sector_scene(tmp_path, 2, **more), MPI.COMM_SELF)
+
+
+def test_cut_faces_that_do_not_match_are_refused(tmp_path: Path) -> None:
+    """A node of the left face lies aside by a hundredth of the face."""
+    points, cells = ring()
+    points[7] *= 1.01
+    scene = scene_of(
+        tmp_path, points, cells, cyclic=CYCLIC, rotation=spinning(2), **tables(2, range(1))
+    )
+    with refusal(ErrorKind.MESH, key="cyclic.left", names="mesh both cut faces alike"):
+        compare(scene, MPI.COMM_SELF)
