@@ -80,6 +80,7 @@ class Reader:
                 return True
             for row in rows:
                 self._join(keyword, row, group_of)
+            return bool(rows)
         return True
 
     def _behave(self, given: dict[str, str], rows: list[list[str]]) -> bool:

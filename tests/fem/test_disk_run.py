@@ -505,6 +505,12 @@ def test_stored_disk_tells_loads_for_which_it_was_not_made(tmp_path: Path) -> No
     assert kinds == [NoteKind.UNCHECKED, NoteKind.BASIS]
 
 
+def test_motion_larger_than_the_sector_is_implausible(tmp_path: Path) -> None:
+    pushed = tables(2, range(1), force=1e12, stiffness=1.0)
+    found = run(sector_scene(tmp_path, 2, **pushed, output={"pictures": False}), MPI.COMM_SELF)
+    assert any("the body is 0.2598 m long" in str(warning) for warning in found.warnings)
+
+
 def test_wall_beside_the_axis_and_the_deck_of_a_sector_are_refused(tmp_path: Path) -> None:
     surface = {"kind": "cylinder", "point": [1e-3, 0.0], "radius": 0.31}
     wall = {"nearest": [0.26, 0.15], "surface": surface, "friction": 0.3}

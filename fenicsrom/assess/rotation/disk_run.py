@@ -9,7 +9,7 @@ share of h nodal diameters in the motion is
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, check_motion
-from fenicsrom.assess.errors.plausibility import slides, strain_warnings
+from fenicsrom.assess.errors.plausibility import implausible_motion, slides, strain_warnings
 from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.notes import FREQUENCIES, Note, NoteKind
@@ -185,6 +185,22 @@ def _slides(disk: StoredDisk, motion: Motion) -> list[Note]:
     return [*slides(moved, closed, points, disk.scene)]
 
 
+def _implausible(disk: StoredDisk, motion: Motion) -> list[Note]:
+    """The note of `implausible_motion`, with the sector whose contact points move most."""
+    points = disk.sector.model.points
+    if count := len(points.contact):
+        size = np.linalg.norm(motion.displacement, axis=2).max(axis=0)
+        first = int(np.argmax(size)) // count * count
+        own = slice(first, first + count)
+        motion = replace(
+            motion,
+            displacement=motion.displacement[:, own],
+            force=motion.force[:, own],
+            gap=motion.gap[:, own],
+        )
+    return implausible_motion(motion, points, disk.extent, disk.scene)
+
+
 def reduction_notes(disk: StoredDisk) -> list[Note]:
     """Notes on a disk, and on waves that its reduction changes."""
     (h, error), found = disk.wave_error, disk.warnings
@@ -218,6 +234,7 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
     warnings += [*reduction_notes(disk), *beyond(disk.trained, scene, probe_amplitude(motion))]
     if not disk.file:
         warnings += unsettled(disk.trained, scene, motion)
+    warnings += _implausible(disk, motion)
     warnings += _slides(disk, motion) if scene.joined else []
     try:
         if delta.any() and not found.ended:

@@ -44,6 +44,9 @@ digits in an iteration, with that of some steps before by three. A factorisation
 ten iterations or more.
 """
 
+CONTRACTION = 0.25
+"""Largest ratio of two changes in a time step with one factor."""
+
 PATIENCE = 8
 """Iterations of a step, of at most fifteen, before each one makes its own factor."""
 
@@ -81,30 +84,40 @@ class _Effective:
 
 
 class _Progress:
-    """The iteration of a time step.
+    """The iteration of a time step: how fast its changes become smaller.
 
     Attributes:
         iteration: its number, from 1.
         was_long: whether the last step needed many iterations.
+        is_slow: whether the last change is too large after the one before.
         renewals: number of factorisations in this step.
     """
 
     def __init__(self, solid: Solid):
-        self._comm, self._start = solid.comm, np.zeros(0)
+        self._comm, self._dot = solid.comm, solid.dot
+        self._start, self._dq, self._change = np.zeros(0), np.zeros(0), np.inf
         self._most = LONG if solid.contact_rows.shape[0] else LONG_WITHOUT_CONTACT
-        self.iteration, self.renewals, self.was_long = 0, 0, False
+        self.iteration, self.renewals = 0, 0
+        self.was_long, self.is_slow = False, False
 
-    def note(self, q0: Array) -> None:
-        """Note an iteration of a step that starts at q0 (local,)."""
+    def note(self, q0: Array, dq: Array) -> None:
+        """Note the iterate dq (local,) of a step that starts at q0 (local,)."""
+        change = np.inf
         if not self._comm.allreduce(np.array_equal(q0, self._start), op=MPI.LAND):
             self._start, self.was_long = q0.copy(), self.iteration > self._most
-            self.iteration, self.renewals = 0, 0
+            self._change, self.iteration, self.renewals = np.inf, 0, 0
+        elif self.iteration:
+            change = np.sqrt(self._dot(dq - self._dq, dq - self._dq))
         self.iteration += 1
+        self.is_slow = self.iteration > 2 and not change <= CONTRACTION * self._change
+        self._dq, self._change = dq.copy(), change
 
     @property
     def needs_factor(self) -> bool:
         """Whether the iteration is too slow with the factor of an earlier state."""
-        return self.was_long if self.iteration == 1 else self.iteration > PATIENCE
+        if self.iteration == 1:
+            return self.was_long
+        return self.is_slow or self.iteration > PATIENCE
 
 
 class FullModel:
@@ -175,7 +188,7 @@ class FullModel:
 
         The tangent itself is assembled when it is needed.
         """
-        self._progress.note(q0)
+        self._progress.note(q0, dq)
         mean = start_weight * start
         slope: Slope = []
         for point, weight in zip(points, weights, strict=True):

@@ -112,6 +112,7 @@ def stored_disk(scene: Scene, mesh: Mesh, timed: Timer) -> StoredDisk:
         larger=larger,
         scene=scene,
         dofs=body.free,
+        extent=body.extent,
         diameters=tuple(wave_diameters(scene)),
         wave_error=checked,
         highest_hz=body.excitation,

@@ -63,7 +63,7 @@ from fenicsrom.online.step.state import (
 )
 
 NEWTON_TOLERANCE = 1e-14
-CONTACT_TOLERANCE = 1e-10  # of a model with contact that keeps a factor: less is rounding
+CONTACT_TOLERANCE = 1e-12  # of a model with contact that keeps a factor: less is rounding
 NEWTON_ROUNDING = 1e-13  # part of the energy; a smaller decrement that stops decreasing is rounding
 NEWTON_ITERATIONS = 15
 DIVERGENCE = 1e8  # growth of the decrement at which the iteration stops

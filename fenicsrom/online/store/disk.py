@@ -31,6 +31,7 @@ class StoredDisk:
         larger: a sector with more waves and modes, which judges it.
         scene: the scene from which it was made, or under which its disk moves.
         dofs: number of free unknowns of the sector.
+        extent: its largest extent, m.
         diameters: the nodal diameters that shape its cut faces.
         wave_error: a nodal diameter, and the relative error of its frequencies by the reduction.
         highest_hz: the highest frequency for which the modes were chosen.
@@ -47,6 +48,7 @@ class StoredDisk:
     larger: Sector
     scene: Scene
     dofs: int
+    extent: float
     diameters: tuple[int, ...]
     wave_error: tuple[int, float]
     highest_hz: float
