@@ -3,6 +3,7 @@
 import csv
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import motions
 import numpy as np
@@ -15,6 +16,7 @@ from fenicsrom.assess.full import full_motions as full_cache
 from fenicsrom.assess.studies import compare
 from fenicsrom.assess.studies.compare import Combination
 from fenicsrom.errors import SceneError
+from fenicsrom.notes import NoteKind
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store import store as result_cache
 
@@ -179,6 +181,16 @@ def test_wrong_compare_table_is_refused_with_its_key(override, key):
     with pytest.raises(SceneError) as refusal:
         beam_scene(overrides=(override,))
     assert refusal.value.key == f"compare.{key}"
+
+
+def test_motion_that_does_not_repeat_leaves_a_doubt():
+    scene = beam_scene()
+    moved = SimpleNamespace(period=1.0, steady=False)
+    outcome = compare.Outcome(compare.combinations(scene)[0], motion=moved)
+    (note,) = compare.outcome_notes(scene, [outcome])
+    assert note.kind is NoteKind.UNSETTLED and outcome.combination.name in str(note)
+    unjudged = replace(scene, time=scene.time.changed(steady_tolerance=0.0))
+    assert not compare.outcome_notes(unjudged, [outcome])
 
 
 # ------------------------------------------------------------------ the indicator

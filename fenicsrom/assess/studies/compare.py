@@ -432,17 +432,25 @@ def compare(scene: Scene, comm: Any, stop: Callable[[], bool] = lambda: False) -
 
     outcomes, interrupted = try_each(wanted, attempt, stop)
     warned = list(dict.fromkeys(solid.warnings))  # the modes of each choice may say the same
-    warned += failed_note(outcomes)
+    warned += outcome_notes(scene, outcomes)
     seconds = cold["compilation"]
     of = full, full_run, solid.free, solid.points
     return Comparison(scene, outcomes, *of, seconds, warned, interrupted)
 
 
-def failed_note(outcomes: Sequence[Outcome]) -> list[Note]:
-    """A note on the combinations that failed, if there are any."""
-    failed = sum(bool(outcome.failure) for outcome in outcomes)
-    text = f"{failed} of {counted(len(outcomes), 'combination')} failed"
-    return [Note(NoteKind.FAILED, text)] if failed else []
+def outcome_notes(scene: Scene, outcomes: Sequence[Outcome]) -> list[Note]:
+    """Notes on the combinations that failed, and on those that did not become periodic."""
+    notes = []
+    if failed := sum(bool(outcome.failure) for outcome in outcomes):
+        text = f"{failed} of {counted(len(outcomes), 'combination')} failed"
+        notes.append(Note(NoteKind.FAILED, text))
+    moving = [one for one in outcomes if one.motion and one.motion.period]
+    unsteady = [one.combination.name for one in moving if one.motion and not one.motion.steady]
+    if unsteady and scene.time.steady_tolerance:
+        text = f"the motions of {'; '.join(unsteady)} did not become periodic, so their errors "
+        text += "hold for the last period only: raise time.periods"
+        notes.append(Note(NoteKind.UNSETTLED, text, "time.periods"))
+    return notes
 
 
 def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> Workshop:

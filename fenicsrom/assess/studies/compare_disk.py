@@ -18,8 +18,8 @@ from fenicsrom.assess.studies.compare import (
     Outcome,
     combinations,
     errors_against,
-    failed_note,
     kept,
+    outcome_notes,
     time_runs,
     timed,
     try_each,
@@ -87,7 +87,7 @@ def compare_disk(scene: Scene, comm: Any, stop: Callable[[], bool]) -> Compariso
         return outcome
 
     outcomes, interrupted = try_each(wanted, attempt, stop)
-    warned = [*body.warnings, *failed_note(outcomes)]
+    warned = [*body.warnings, *outcome_notes(scene, outcomes)]
     of = full, full_run, body.free, points
     return Comparison(scene, outcomes, *of, cold["compilation"], warned, interrupted)
 

@@ -177,16 +177,6 @@ def sentences(comparison: Comparison) -> list[str]:
             f"energy norm (the indicator), {plain:.2f} for the residual in the plain norm. "
             "The indicator needs no run of the full model."
         )
-    unsteady = [
-        o.combination.name
-        for o in comparison.outcomes
-        if o.motion and o.motion.period and not o.motion.steady
-    ]
-    if unsteady:
-        found.append(
-            "These motions did not become periodic, so their errors hold for the last period only: "
-            f"{'; '.join(unsteady)}."
-        )
     found += [
         f"{o.combination.name} has no motion: {o.failure}" for o in comparison.outcomes if o.failure
     ]
