@@ -142,5 +142,5 @@ def _first_mode(text: str, path: Path, tip: str | None) -> Any:
     try:
         return first_mode(scene, None if tip is None else Place(group=tip))
     except ConvergenceError as error:
-        reason = f"{error}; are the static loads, or the units, right?"
+        reason = f"{error}; check the static loads and the units"
         raise refuse(path, reason, ErrorKind.RANGE, "loads") from None
