@@ -72,6 +72,14 @@ def test_values_that_differ_by_rounding_have_no_offset() -> None:
     assert high - low > 0.01 and axis.yaxis.get_offset_text().get_text() == ""
 
 
+def test_short_logarithmic_axis_has_a_few_plain_numbers() -> None:
+    figure = figure_of(Plot([Panel([Line([0.5, 1.4], [2.0, 3000.0])], log="xy")], 4.0, 3.0))
+    (axis,) = figure.axes
+    texts = [tick.get_text() for tick in axis.get_xticklabels(which="both")]
+    assert "1.00" in texts and len(texts) <= 6
+    assert any("10^" in tick.get_text() for tick in axis.get_yticklabels())
+
+
 def test_plot_with_a_map_has_no_chart() -> None:
     assert chart(Plot([Panel([Map([0.0, 1.0], [0.0, 1.0], np.zeros((2, 2)))])])) is None
 

@@ -26,6 +26,7 @@ ROW = 0.225  # height of a row of a legend, inches
 SAMPLE = 0.62  # width of the sample in a legend with its spaces, inches
 SIDES = (0, 1, 2, 0, 1)
 """The rows of `_lay_out` for what `_spaces` gives."""
+DECADE = 10.0  # a logarithmic axis with a smaller ratio of its ends has plain marks
 LEGEND_ROWS = 9  # of a column of a legend beside a panel
 
 
@@ -62,6 +63,10 @@ def _draw(axis: Axes, panel: plots.Panel, ends: plots.Limits) -> None:
         elif name in panel.whole:
             getattr(axis, f"{name}axis").get_major_locator().set_params(integer=True)
     axis.set(xlim=ends["x"], ylim=ends["y"], autoscale_on=False)
+    for name in panel.log:
+        low, high = ends[name]
+        if high < DECADE * low and not getattr(panel, f"{name}ticks"):
+            _mark_plainly(getattr(axis, f"{name}axis"))
     for item in panel.items:
         _add(axis, item, ends, panel.log)
     axis.set(xlabel=panel.xlabel, ylabel=panel.ylabel)
@@ -78,6 +83,15 @@ def _draw(axis: Axes, panel: plots.Panel, ends: plots.Limits) -> None:
     if panel.legend:
         place: Any = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "ncols": _columns(panel)}
         axis.legend(handles=[*map(_sample, panel.legend)], **place)
+
+
+def _mark_plainly(axis: Any) -> None:
+    """Write a few numbers at a short logarithmic axis, where powers of ten would collide."""
+    from matplotlib.ticker import MaxNLocator, NullLocator, ScalarFormatter
+
+    axis.set_major_locator(MaxNLocator(4))
+    axis.set_major_formatter(ScalarFormatter())
+    axis.set_minor_locator(NullLocator())
 
 
 def _columns(panel: plots.Panel) -> int:
