@@ -162,11 +162,12 @@ def compare(
         ConvergenceError, AccuracyError: the full model has no motion.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.studies import compare as comparison
+    from fenicsrom.assess.studies.compare import compare as compare_bases
     from fenicsrom.assess.studies.compare_disk import compare_disk
 
-    comm, method = comm or all_ranks(), comparison.compare if scene.cyclic is None else compare_disk
-    return written(method(scene, comm, stop), folder, comm)
+    comm = comm or all_ranks()
+    compared = compare_bases if scene.cyclic is None else compare_disk
+    return written(compared(scene, comm, stop), folder, comm)
 
 
 def stability(

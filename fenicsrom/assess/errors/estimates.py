@@ -314,7 +314,7 @@ def with_further(found: MotionErrors, motion: Motion, other: Motion, factor: flo
         if motion.period is None:
             there = interpolated(other_probe, other_probe.displacement, motion.time)
             here = probe.displacement.reshape(there.shape)
-            drift = _relative(*(float(np.linalg.norm(u)) for u in (here - there, here)))
+            drift = _relative(float(np.linalg.norm(here - there)), float(np.linalg.norm(here)))
     return found._replace(
         probe=_errors(pairs, motion.displacement.shape[2], factor, relative_to=0).amplitude,
         dissipation=factor * _relative(apart, ours),

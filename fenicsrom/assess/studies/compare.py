@@ -433,9 +433,17 @@ def compare(scene: Scene, comm: Any, stop: Callable[[], bool] = lambda: False) -
     outcomes, interrupted = try_each(wanted, attempt, stop)
     warned = list(dict.fromkeys(solid.warnings))  # the modes of each choice may say the same
     warned += outcome_notes(scene, outcomes)
-    seconds = cold["compilation"]
-    of = full, full_run, solid.free, solid.points
-    return Comparison(scene, outcomes, *of, seconds, warned, interrupted)
+    return Comparison(
+        scene,
+        outcomes,
+        full=full,
+        full_run=full_run,
+        unknowns=solid.free,
+        points=solid.points,
+        compilation=cold["compilation"],
+        warnings=warned,
+        interrupted=interrupted,
+    )
 
 
 def outcome_notes(scene: Scene, outcomes: Sequence[Outcome]) -> list[Note]:
@@ -444,8 +452,8 @@ def outcome_notes(scene: Scene, outcomes: Sequence[Outcome]) -> list[Note]:
     if failed := sum(bool(outcome.failure) for outcome in outcomes):
         text = f"{failed} of {counted(len(outcomes), 'combination')} failed"
         notes.append(Note(NoteKind.FAILED, text))
-    moving = [one for one in outcomes if one.motion and one.motion.period]
-    unsteady = [one.combination.name for one in moving if one.motion and not one.motion.steady]
+    motions = {one.combination.name: one.motion for one in outcomes if one.motion}
+    unsteady = [name for name, motion in motions.items() if motion.period and not motion.steady]
     if unsteady and scene.time.steady_tolerance:
         text = f"the motions of {'; '.join(unsteady)} did not become periodic, so their errors "
         text += "hold for the last period only: raise time.periods"

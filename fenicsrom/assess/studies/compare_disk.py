@@ -88,8 +88,17 @@ def compare_disk(scene: Scene, comm: Any, stop: Callable[[], bool]) -> Compariso
 
     outcomes, interrupted = try_each(wanted, attempt, stop)
     warned = [*body.warnings, *outcome_notes(scene, outcomes)]
-    of = full, full_run, body.free, points
-    return Comparison(scene, outcomes, *of, cold["compilation"], warned, interrupted)
+    return Comparison(
+        scene,
+        outcomes,
+        full=full,
+        full_run=full_run,
+        unknowns=body.free,
+        points=points,
+        compilation=cold["compilation"],
+        warnings=warned,
+        interrupted=interrupted,
+    )
 
 
 def scenes_of_disks(scene: Scene) -> tuple[Scene, dict[Combination, Scene]]:
@@ -99,12 +108,10 @@ def scenes_of_disks(scene: Scene) -> tuple[Scene, dict[Combination, Scene]]:
         SceneError: the scene or a combination is impossible.
     """
     require_none(_problems(scene.compare), scene, Where(scene.source))
-    methods, derivatives = (scene.basis.method,), (scene.basis.derivatives,)
-    table = replace(scene.compare, methods=methods, derivatives=derivatives)
+    basis = scene.basis
+    table = replace(scene.compare, methods=(basis.method,), derivatives=(basis.derivatives,))
     scene = replace(scene, compare=table)
-    scenes = {
-        combination: with_combination(scene, combination) for combination in combinations(scene)
-    }
+    scenes = {choice: with_combination(scene, choice) for choice in combinations(scene)}
     for one in scenes.values():
         require_disk_run(one)
     return whole_scene(scene), scenes
@@ -115,5 +122,5 @@ def _problems(table: Compare) -> Problems:
     usual = Compare()
     for name in ("full", "methods", "derivatives", "sizes", "elastic_force", "meshes"):
         if getattr(table, name) != getattr(usual, name):
-            allowed = "not allowed with [cyclic], where modes, schemes and steps are compared"
+            allowed = "not allowed with [cyclic], which allows the lists modes, schemes and steps"
             yield Problem(f"compare.{name}", allowed)

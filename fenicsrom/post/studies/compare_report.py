@@ -160,11 +160,12 @@ def sentences(comparison: Comparison) -> list[str]:
     small = [o for o in rated(comparison) if disk or len(o.labels) <= SMALL]
     if small:
         best = min(small, key=amplitude_error)
-        what = "nearest disk of reduced sectors" if disk else f"best basis of at most {SMALL} "
-        what, of = (what, " of a sector") if disk else (f"{what}coordinates", "")
+        size = counted(len(best.labels), "coordinate")
+        what = f"best basis of at most {SMALL} coordinates"
+        if disk:
+            what, size = "nearest disk of reduced sectors", f"{size} of a sector"
         found.append(
-            f"The {what} is {best.combination.name} with "
-            f"{counted(len(best.labels), 'coordinate')}{of}: its error of the {amplitude} is "
+            f"The {what} is {best.combination.name} with {size}: its error of the {amplitude} is "
             f"{amplitude_error(best):.2g} %, it is "
             f"{comparison.speed_up(best):.0f} times as fast as the full model, and its offline "
             f"time pays off after {_runs(comparison.break_even(best))}."

@@ -213,10 +213,11 @@ def figure(found: DiskRun) -> Plot:
     """Amplitudes by sector, shares of nodal diameters, and the waves of the last period."""
     peaks, shares = 1e3 * found.peaks, 100.0 * found.shares
     time, moved = found.motion.coordinate_time, 1e3 * found.displacement[:, :, found.direction]
-    moved, axis = (moved - moved.mean(axis=0)).T, "xyz"[found.direction]
-    top, every = float(np.abs(moved).max(initial=0.0)) or 1.0, np.arange(peaks.size)
-    look: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -top, "vmax": top}
-    waves = Map(time, every, moved, bar=f"along {axis} about the mean, mm", **look)
+    moved = (moved - moved.mean(axis=0)).T
+    top = float(np.abs(moved).max(initial=0.0)) or 1.0
+    title = f"along {'xyz'[found.direction]} about the mean, mm"
+    sectors = np.arange(peaks.size)
+    waves = Map(time, sectors, moved, cmap="RdBu_r", vmin=-top, vmax=top, bar=title)
     panels = [
         Panel([_bars(peaks)], "sector", "amplitude, mm", whole="x"),
         Panel([_bars(shares)], "nodal diameter", "share of the motion, %", whole="x"),
