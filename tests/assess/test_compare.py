@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from support import STOCKY, beam_scene, heard, make_solid
 
+from fenicsrom.assess.errors import agreement
 from fenicsrom.assess.errors import comparisons as residual
-from fenicsrom.assess.errors import estimates as agreement
 from fenicsrom.assess.full import full_motions as full_cache
 from fenicsrom.assess.studies import compare
 from fenicsrom.assess.studies.compare import Combination

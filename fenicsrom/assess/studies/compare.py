@@ -2,11 +2,11 @@
 
 The choices are meshes, numbers of time steps and bases. The full model runs once, on the mesh and
 with the time steps of the scene; its motion is kept in the user's cache folder
-(`assess.full.full_cache`).
+(`assess.full.full_motions`).
 The combinations of a mesh share it and the solid with its factor; those with the same method and
 number of modes share these modes and the snapshots. The offline seconds of a combination are the
 sum of the stages that it needs, as if it were the only combination. The indicator
-(`assess.errors.residual`) needs no full run.
+(`assess.errors.comparisons`) needs no full run.
 
 Of bodies that touch, the errors are those of the probe and of the energy that friction dissipates,
 and those that a run would estimate stand beside them. One motion of the scene chooses the interface
@@ -24,14 +24,9 @@ from typing import Any
 
 import numpy as np
 
+from fenicsrom.assess.errors.agreement import break_even, motion_errors, rank_correlation
 from fenicsrom.assess.errors.comparisons import indicators
-from fenicsrom.assess.errors.estimates import (
-    MotionErrors,
-    break_even,
-    motion_errors,
-    rank_correlation,
-    times_distance,
-)
+from fenicsrom.assess.errors.estimates import MotionErrors, times_distance
 from fenicsrom.assess.errors.judge import judge_with_residual
 from fenicsrom.assess.errors.plausibility import equilibrium_deformation, equilibrium_warnings
 from fenicsrom.assess.errors.sizing import Sized, sized

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.errors.estimates import pareto_front
+from fenicsrom.assess.errors.agreement import pareto_front
 from fenicsrom.assess.full.full_motions import machine
 from fenicsrom.assess.studies.compare import REPEATS, Comparison, Outcome
 from fenicsrom.online.motion.measures import response_summary
