@@ -12,8 +12,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.studies.first_mode import DAMPING, FirstMode
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.inspection import LARGE, Group, Inspection
-from fenicsrom.formats.mesh_file import AXES, DeckLoad, DeckMaterial
+from fenicsrom.formats.mesh_file import AXES, DeckMaterial
 from fenicsrom.post.body.group_drawing import members_of
+from fenicsrom.post.studies.deck_tables import attachment_lines, joint_lines, static_lines
 from fenicsrom.scene.base.tables import toml_value as toml
 from fenicsrom.scene.keys.unit_system import LENGTHS, MASSES, TIMES, Elastic, Units, likely_systems
 
@@ -35,9 +36,6 @@ TIMES_OF_CONTACT = (
 
 STEEL = 2.1e11
 """Young's modulus of steel, Pa."""
-
-LAYER = 10.0
-"""Stiffness of a contact that is rigid in the file: that of a layer of a tenth of a facet."""
 
 IMPACTS = 0.002
 """Damping ratio of mode 1 of a starter scene with contact, in proportion to the stiffness."""
@@ -179,11 +177,11 @@ def starter_scene(
         "",
         *_support_lines(found, root),
         *_cyclic_lines(found),
-        *_attachment_lines(found),
-        *_joint_lines(found, system),
+        *attachment_lines(found),
+        *joint_lines(found, _in(system, "Pa", STEEL)),
         *[f"# not taken from the file: {what}" for what in found.physics.not_taken],
         "",
-        *_static_lines(found.physics.loads, found.geometry.dimension),
+        *static_lines(found.physics.loads, found.geometry.dimension),
     ]
     if mode is not None:
         lines += _task_lines(found, system, mode, tip, template)
@@ -375,73 +373,9 @@ def _end_box(found: Inspection) -> list[list[float]]:
     return [[float(f"{value:.6g}") for value in corner] for corner in (low, high)]
 
 
-def _attachment_lines(found: Inspection) -> list[str]:
-    """The tables of point masses and springs of the file."""
-    lines: list[str] = []
-    d, springs = found.geometry.dimension, found.physics.springs
-    for point, mass in found.physics.masses:
-        lines += ["", "[[attachments]]", f"node = {list(point[:d])}", f"mass = {mass!r}"]
-    for point, stiffness in dict.fromkeys((point, value) for point, _, value in springs):
-        along = [AXES[k] for at, k, value in springs if (at, value) == (point, stiffness)]
-        lines += ["", "[[attachments]]", f"node = {list(point[:d])}", f"stiffness = {stiffness!r}"]
-        if len(along) < d:
-            lines.append(f"components = {toml(along)}")
-    return lines
-
-
-def _joint_lines(found: Inspection, units: Units) -> list[str]:
-    """The tables of the contacts and ties of the file, the finer surface first."""
-    lines: list[str] = []
-    sizes = {
-        group.name: (group.size / group.number) ** (1.0 / (found.geometry.dimension - 1))
-        for group in found.groups
-        if group.kind == "facets" and group.size
-    }
-    moduli = [material.young for material in found.physics.materials if material.young is not None]
-    for joint in found.physics.joints:
-        pair = joint.group, joint.against
-        if missing := [name for name in pair if name not in sizes]:
-            what = f"{joint.name}: no whole facet lies on the surface {missing[0]}"
-            lines += ["", f"# not taken from the file: {what}"]
-            continue
-        first, second = sorted(pair, key=lambda name: sizes[name])  # stable
-        lines += ["", f"{'[[ties]]' if joint.tied else '[[contacts]]'} # of the file: {joint.name}"]
-        lines += [f"group = {toml(first)}", f"against = {toml(second)}"]
-        lines += [f"reach = {joint.reach!r}"] if joint.reach is not None else []
-        if joint.tied:
-            continue
-        chosen = f"{LAYER * (moduli or [_in(units, 'Pa', STEEL)])[0] / sizes[first]:.2g}"
-        why = f" # chosen: {LAYER:g} E/h with the size h of a facet, because the file has none"
-        normal = f"{chosen}{why}" if joint.normal is None else f"{joint.normal!r}"
-        slope = joint.tangential or joint.normal
-        tangential = f"{chosen}{why}" if slope is None else f"{slope!r}"
-        lines += ["gap = 0.0 # ADJUST closes the gaps"] if joint.shut else []
-        lines += [f"normal_stiffness = {normal}", f"tangential_stiffness = {tangential}"]
-        lines.append(f"friction = {joint.friction!r}")
-    return lines
-
-
 def leaves_support(found: Inspection) -> bool:
     """Whether the file has a support, but none that can be taken."""
     return found.physics.lost_support and not found.physics.supports
-
-
-def _static_lines(loads: Sequence[DeckLoad], d: int) -> list[str]:
-    """The tables of the static loads of the file."""
-    lines: list[str] = []
-    for load in loads:
-        lines.append("[[loads]] # static, of the file")
-        if load.kind == "pressure":
-            lines += [f"group = {toml(load.group or '')}", f"pressure = {load.vector[0]!r}", ""]
-            continue
-        size = math.hypot(*load.vector)
-        if load.point is not None:
-            lines.append(f"node = {list(load.point[:d])}")
-        if load.group is not None:
-            lines.append(f"group = {toml(load.group)}")
-        direction = [float(f"{value / size:.12g}") + 0.0 for value in load.vector[:d]]
-        lines += [f"direction = {direction}", f"{load.kind} = {size!r}", ""]
-    return lines
 
 
 def _task_lines(
