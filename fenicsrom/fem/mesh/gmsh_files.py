@@ -18,18 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from fenicsrom import formats
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.mesh.gmsh_cad import mesh_cad, model_nodes
 from fenicsrom.formats import Block, MeshFile
-from fenicsrom.formats.mesh_file import Floats, Ints, Physics
+from fenicsrom.formats.mesh_file import Ints, Physics
 from fenicsrom.formats.shapes import SHAPES
-from fenicsrom.scene import Cyclic, Geometry
+from fenicsrom.scene import Geometry
 from fenicsrom.scene.base.rules import Where
 
 HEADERS = {
@@ -120,9 +116,6 @@ def check_survival(source: str, link: str) -> None:
 FARTHEST = 1e15
 """Larger coordinates, in the unit of the file, may make gmsh crash or fill all memory."""
 
-SAME_NODE = 1e-5
-"""Nodes of two cut faces at smaller distances, relative to the body, are one node of the disk."""
-
 MOST_CELLS = 2000
 """Largest number of cells along the body."""
 
@@ -197,155 +190,6 @@ def load_file(gmsh: Any, geometry: Geometry) -> Loaded:
     return loaded
 
 
-def load_files(gmsh: Any, geometry: Geometry) -> Loaded:
-    """Read the files and put their bodies, which share no node, into one model.
-
-    Raises:
-        SceneError: as `load_file`; or groups of two files have one name.
-    """
-    if not geometry.also:
-        return load_file(gmsh, geometry)
-    parts, warnings, glued = [], [], set[str]()
-    for path in geometry.files:
-        before = f"{path.stem}." if path in geometry.also else ""
-        own = _part(geometry, path, before)
-        loaded = load_file(gmsh, own)
-        file = mesh_of_model(gmsh, loaded.node_sets)
-        points = file.points * own.scale / geometry.scale
-        parts.append(_named(replace(file, points=points), before, own.dimension))
-        warnings += loaded.warnings
-        glued |= {before + name for name in loaded.glued}
-        gmsh.model.remove()
-    whole = _add_mesh(gmsh, str(geometry.mesh), formats.divided(_together(geometry, parts)))
-    return replace(whole, warnings=(*warnings, *whole.warnings), glued=glued)
-
-
-def load_disk(gmsh: Any, geometry: Geometry, cyclic: Cyclic) -> Loaded:
-    """Read the files of a sector, and put all sectors of its disk into one model.
-
-    Raises:
-        SceneError: as `load_files`; or the nodes of the cut faces do not match.
-    """
-    loaded = load_files(gmsh, geometry)
-    sector = _named(mesh_of_model(gmsh, loaded.node_sets), "", geometry.dimension)
-    gmsh.model.remove()
-    whole = _add_mesh(gmsh, str(geometry.mesh), _sectors(sector, geometry, cyclic))
-    return replace(loaded, node_sets=whole.node_sets)
-
-
-def _sectors(file: MeshFile, geometry: Geometry, cyclic: Cyclic) -> MeshFile:
-    """All sectors of a disk with common nodes; "tip@3" is the group "tip" of sector 3.
-
-    Raises:
-        SceneError: the nodes of the cut faces do not match.
-    """
-    d, n, every = geometry.dimension, len(file.points), np.arange(cyclic.sectors)
-    axis = np.array(cyclic.axis or (0.0, 0.0, 1.0))
-    point = np.pad(np.array(cyclic.point), (0, 3 - d)) / geometry.scale
-
-    def turned(x: Floats, j: int) -> Floats:
-        turn = Rotation.from_rotvec(2.0 * np.pi * j / len(every) * axis)
-        return np.asarray(point + turn.apply(x - point))
-
-    left, right = (_nodes_below(file, name, d) for name in (cyclic.left, cyclic.right))
-    tree = cKDTree(file.points[left])
-    near = {sense: tree.query(turned(file.points[right], -sense)) for sense in (1, -1)}
-    sense = min(near, key=lambda s: float(near[s][0].max()))
-    distance, opposite = near[sense]
-    away = int(np.sum(distance > SAME_NODE * np.ptp(file.points, axis=0).max()))
-    if away or len({*opposite}) < len(left):
-        reason = f"must have the nodes of {cyclic.right!r}, turned, to join the sectors of the "
-        reason += f"whole disk in finite elements: {len(left)} nodes meet {len(right)}, of which "
-        reason += f"{away} lie elsewhere; mesh both cut faces alike"
-        where = Where(str(geometry.mesh), "cyclic.left")
-        raise where.refuse(cyclic.left, reason, ErrorKind.MESH)
-    pairs = np.add.outer(every * n, right), np.add.outer((every + sense) % len(every) * n, left)
-    rows, columns = pairs[0].ravel(), pairs[1][:, opposite].ravel()
-    graph = coo_array((np.ones(rows.size), (rows, columns)), shape=(n * len(every),) * 2)
-    labels = connected_components(graph, directed=False)[1]
-    first, number = np.unique(labels, return_index=True, return_inverse=True)[1:]
-    blocks, sets = [], dict[str, Ints]()
-    for j in every:
-        for block in file.blocks:
-            own = {f"{name}@{j}": marks for name, marks in block.groups.items()}
-            nodes = number[block.nodes + j * n]
-            blocks.append(replace(block, nodes=nodes, groups=block.groups | own))
-        sets |= {f"{name}@{j}": number[nodes + j * n] for name, nodes in file.node_groups.items()}
-    for name in file.node_groups:
-        sets[name] = np.unique(np.concatenate([sets[f"{name}@{j}"] for j in every]))
-    points = np.concatenate([turned(file.points, j) for j in every])[first]
-    return MeshFile(points, tuple(blocks), sets)
-
-
-def _nodes_below(file: MeshFile, name: str, dimension: int) -> Ints:
-    """The nodes of a group of facets, edges or nodes."""
-    found = [file.node_groups.get(name, np.empty(0, dtype=np.int64))]
-    for block in file.blocks:
-        if block.shape.dimension < dimension and name in block.groups:
-            found.append(block.nodes[block.groups[name]].ravel())
-    return np.unique(np.concatenate(found))
-
-
-def _part(geometry: Geometry, path: Path, before: str) -> Geometry:
-    """What the geometry says of one file, with the names of groups in this file."""
-    others = tuple(f"{file.stem}." for file in geometry.also)
-
-    def names(given: tuple[str, ...]) -> tuple[str, ...]:
-        if before:
-            return tuple(name.removeprefix(before) for name in given if name.startswith(before))
-        return tuple(name for name in given if not name.startswith(others))
-
-    apart = tuple(pair for pair in map(names, geometry.apart) if len(pair) == 2)
-    glue, near = geometry.glue, geometry.meshing.near or ()
-    near = tuple(replace(one, group=names((one.group,))[0]) for one in near if names((one.group,)))
-    if isinstance(glue, tuple):
-        glue = tuple(filter(None, map(names, glue)))
-    found = replace(geometry, mesh=path, also=(), glue=glue, apart=apart)
-    found = replace(found, meshing=replace(geometry.meshing, near=near))
-    if not found.has_mesh:
-        found = replace(found, scale=1.0)
-    return replace(found, cells=None, parameters={}) if before else found
-
-
-def _named(file: MeshFile, before: str, dimension: int) -> MeshFile:
-    """The file with its solid and its groups only; a text before their names marks its cells."""
-    solid = any("solid" in block.groups for block in file.blocks)
-    blocks = []
-    for block in file.blocks:
-        if block.shape.dimension == dimension:
-            kept = block.groups.get("solid", np.full(len(block.nodes), not solid))
-            groups = {name: marks[kept] for name, marks in block.groups.items() if name != "solid"}
-            block = replace(block, nodes=block.nodes[kept], groups=groups)
-            if before:
-                groups[""] = np.ones(len(block.nodes), dtype=bool)
-        elif not block.groups:
-            continue
-        groups = {(before + name).rstrip("."): marks for name, marks in block.groups.items()}
-        blocks.append(replace(block, groups=groups))
-    sets = {before + name: nodes for name, nodes in file.node_groups.items()}
-    return replace(file, blocks=tuple(blocks), node_groups=sets)
-
-
-def _together(geometry: Geometry, files: list[MeshFile]) -> MeshFile:
-    """The bodies of several files, with the number of nodes before each file added to its nodes.
-
-    Raises:
-        SceneError: groups of two files have one name.
-    """
-    starts = np.cumsum([0, *(len(file.points) for file in files)])
-    blocks, sets, taken = [], {}, set[str]()
-    for start, path, file in zip(starts, geometry.files, files, strict=False):
-        own = {name for block in file.blocks for name in block.groups} | file.node_groups.keys()
-        if both := sorted(taken & own):
-            reason = f"has a group of the name {both[0]}, which another file has; rename the file"
-            raise refuse(path, reason, ErrorKind.MESH, "geometry.also")
-        taken |= own
-        blocks += [replace(block, nodes=block.nodes + start) for block in file.blocks]
-        sets |= {name: nodes + start for name, nodes in file.node_groups.items()}
-    points = np.concatenate([file.points for file in files])
-    return MeshFile(points, tuple(blocks), sets)
-
-
 def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
     """Read the file into a new model of gmsh, without meshing a geometry.
 
@@ -364,7 +208,7 @@ def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
     gmsh.model.add("file")
     if form is None:
         file = formats.read(geometry.mesh)
-        return _add_mesh(gmsh, source, formats.complete(file) if geometry.curved else file)
+        return add_mesh(gmsh, source, formats.complete(file) if geometry.curved else file)
     if form == "geo":
         _set_parameters(gmsh, geometry)
         with _errors(gmsh, source):
@@ -384,9 +228,9 @@ def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
     if form == "step":
         _check_reach(gmsh, geometry)
     elif _has_several_shapes(gmsh):
-        return _add_mesh(gmsh, source, formats.divided(mesh_of_model(gmsh)))
+        return add_mesh(gmsh, source, formats.divided(mesh_of_model(gmsh)))
     elif geometry.curved and _has_serendipity_cells(gmsh):
-        return _add_mesh(gmsh, source, formats.complete(mesh_of_model(gmsh)))
+        return add_mesh(gmsh, source, formats.complete(mesh_of_model(gmsh)))
     return Loaded()
 
 
@@ -430,7 +274,7 @@ def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
         gmsh.parser.setNumber(name, [value])
 
 
-def _add_mesh(gmsh: Any, source: str, file: MeshFile) -> Loaded:
+def add_mesh(gmsh: Any, source: str, file: MeshFile) -> Loaded:
     """Put a mesh file into a new model of gmsh."""
     dimensions = [block.shape.dimension for block in file.blocks]
     highest = max(dimensions)

@@ -21,8 +21,9 @@ from mpi4py import MPI
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.base import compat
 from fenicsrom.fem.base.forms import compiled_form
-from fenicsrom.fem.mesh.gmsh_files import load_disk, load_files, open_gmsh
+from fenicsrom.fem.mesh.gmsh_files import open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
+from fenicsrom.fem.mesh.gmsh_parts import load_disk, load_files
 from fenicsrom.fem.mesh.sector import Sector
 from fenicsrom.scene import Cyclic, Geometry, Region
 from fenicsrom.scene.base.rules import Where, choice, number

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from fenicsrom.arrays import Array
+from fenicsrom.fem.mesh.gmsh_parts import sector_turn
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.disk_model import disk_scene
@@ -35,10 +35,8 @@ class _Turn:
 
     def __init__(self, cyclic: Cyclic, j: int):
         """Take the angle j 360°/N about the axis."""
-        self._j, self._d = j, len(cyclic.point or ())
-        axis = np.array(cyclic.axis or (0.0, 0.0, 1.0))
-        whole = Rotation.from_rotvec(2.0 * np.pi * j / cyclic.sectors * axis).as_matrix()
-        self.matrix: Array = whole[: self._d, : self._d]
+        self._j, d = j, len(cyclic.point or ())
+        self.matrix: Array = sector_turn(cyclic, j).as_matrix()[:d, :d]
         self._point = np.array(cyclic.point)
 
     def moved(self, points: Array) -> Array:
