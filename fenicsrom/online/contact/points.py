@@ -108,62 +108,54 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
     share = shares(scene, points)
     in_mesh = np.array([contact.has_mesh_gaps for contact in chosen], dtype=bool)
     given = np.array([contact.gap or 0.0 for contact in chosen])
-    gap = np.where(in_mesh, points.gap, given)
     found = planes(
         share * of("preload"),
-        gap,
+        np.where(in_mesh, points.gap, given),
         share * of("normal_stiffness"),
         share * of("tangential_stiffness"),
         of("friction"),
         d,
     )
     times = np.array(sorted({time for contact in scene.contacts for time, _ in contact.approach}))
-    orders = sorted(
-        {
-            order
-            for contact in scene.contacts
-            if contact.surface
-            for order, _, _ in contact.surface.waves
-        }
-    )
     found = found._replace(
-        history=history_of(scene.rotation),
-        times=times,
-        approach=np.zeros((count, times.size)),
-        order=np.array(orders),
-        height=np.zeros((count, len(orders))),
-        phase=np.zeros((count, len(orders))),
+        history=history_of(scene.rotation), times=times, approach=np.zeros((count, times.size))
     )
-    axes_of_contact = {
-        k: _axes_of_waves(scene, points, scene.contacts[k])
-        for k in map(int, np.unique(points.contact))
-        if scene.contacts[k].surface
-    }
     for p, contact in enumerate(chosen):
         if contact.approach:
             found.approach[p] = np.interp(times, *np.array(contact.approach).T)
-        surface = contact.surface
-        if surface is None:
-            continue
-        axes, local = axes_of_contact[int(points.contact[p])], points.frame[p]
-        found.kind[p] = SPHERE if surface.kind == "sphere" else CYLINDER
-        found.axes[p, : len(axes)] = axes @ local.T
-        found.centre[p] = local @ (np.array(surface.point) - points.position[p])
-        found.side[p] = 1.0 if surface.inside else -1.0
-        if found.history.size:
-            found.spin[p] = surface.spin or 0.0
-            found.turns[p] = surface_turns(surface, scene.rotation)
-        else:
-            found.spin[p] = surface_spin(surface, scene.rotation)
-        for order, height, phase in surface.waves:
-            found.height[p, orders.index(order)] += height
-            found.phase[p, orders.index(order)] = phase
-    for k, contact in enumerate(scene.contacts):
-        if contact.surface is not None:
-            mine = np.flatnonzero(points.contact == k)
-            found.radius[mine] = _surface_radius(scene, k, points.position[mine])
+    found = _with_surfaces(found, scene, points)
     rings = rings_of(scene, points, found)
     return coated(found, rings, pressing_areas(scene, points)) if rings else found
+
+
+def _with_surfaces(contacts: Contacts, scene: Any, points: ContactPoints) -> Contacts:
+    """The contacts with the round surfaces of the scene, and with their waves.
+
+    Raises:
+        SceneError: as `contacts_of`.
+    """
+    surfaces = {k: one.surface for k, one in enumerate(scene.contacts) if one.surface is not None}
+    orders = sorted({order for surface in surfaces.values() for order, _, _ in surface.waves})
+    shape = len(points.contact), len(orders)
+    found = contacts._replace(order=np.array(orders), height=np.zeros(shape), phase=np.zeros(shape))
+    for k, surface in surfaces.items():
+        mine = np.flatnonzero(points.contact == k)
+        frames, axes = points.frame[mine], _axes_of_waves(scene, points, scene.contacts[k])
+        found.kind[mine] = SPHERE if surface.kind == "sphere" else CYLINDER
+        found.axes[mine, : len(axes)] = axes @ frames.transpose(0, 2, 1)
+        away = np.array(surface.point) - points.position[mine]
+        found.centre[mine] = np.einsum("pij,pj->pi", frames, away)
+        found.side[mine] = 1.0 if surface.inside else -1.0
+        if found.history.size:
+            found.spin[mine] = surface.spin or 0.0
+            found.turns[mine] = surface_turns(surface, scene.rotation)
+        else:
+            found.spin[mine] = surface_spin(surface, scene.rotation)
+        for order, height, phase in surface.waves:
+            found.height[mine, orders.index(order)] += height
+            found.phase[mine, orders.index(order)] = phase
+        found.radius[mine] = _surface_radius(scene, k, points.position[mine])
+    return found
 
 
 def springs_of(contacts: Contacts, dimension: int) -> Array:
