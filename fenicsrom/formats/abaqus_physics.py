@@ -152,8 +152,10 @@ def _take(state: _State, keyword: Keyword, rows: list[list[str]], scope: tuple[s
         return state.couplings.take(keyword, rows, lambda text: _nodes_of(state, text, scope))
     elif name in abaqus_joints.KEYWORDS:
         return state.joints.take(
-            *(keyword, rows, lambda text: _group_of(state, text)),
-            lambda text: state.nodes.found(scope, text),
+            keyword,
+            rows,
+            group_of=lambda text: _group_of(state, text),
+            nodes_of=lambda text: state.nodes.found(scope, text),
         )
     elif name == "ELEMENT":
         if keyword.parameters.get("TYPE", "").upper() in TAKEN_ELEMENTS:

@@ -246,7 +246,7 @@ def _expanded(members: list[int]) -> list[int]:
 def _mesh(path: Path, archive: Archive) -> MeshFile:
     """The mesh, with a block for each shape, and a group for each component."""
     numbers = {number: k for k, number in enumerate(archive.nodes)}
-    found: dict[tuple[int, str], list[tuple[int, list[int]]]] = {}
+    found: dict[tuple[int, int, int], list[tuple[int, list[int]]]] = {}
     left: Counter[str] = Counter()
     for label, type_, nodes in archive.elements:
         number = archive.types.get(type_, 0)
@@ -256,22 +256,22 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
             raise refuse(path, f"element {label} of type {number} {reason}")
         kind, own = _shape(154 if number in SURFACES else number, nodes)
         if kind:
-            of = f" {archive.reals[label]}" if number in SURFACES else ""
-            found.setdefault((kind, f"type {number}{of}"), []).append((label, own))
+            real = archive.reals[label] if number in SURFACES else 0
+            found.setdefault((kind, number, real), []).append((label, own))
         else:
             contact = " (contact or remote point)" if number in CONTACT else ""
             contact = " (pre-tension: give [[bolts]])" if number == 179 else contact
             left[f"type {number}{contact} element"] += 1
     points = np.array(list(archive.nodes.values()), dtype=np.float64)
     blocks = []
-    for (kind, name), entries in found.items():
+    for (kind, number, real), entries in found.items():
         if missing := {node for _, row in entries for node in row if node} - numbers.keys():
             raise refuse(path, f"an element refers to node {min(missing)}, not in the file")
         rows = np.array([[numbers.get(node, -1) for node in row] for _, row in entries])
         labels = np.array([label for label, _ in entries])
-        _, number, *real = name.split()
-        groups = {f"{SURFACES[int(number)]} {real[0]}": np.full(len(rows), True)} if real else {}
-        blocks.append(Block(kind, from_vtk(kind, rows), groups, name, labels))
+        every, side = np.full(len(rows), True), SURFACES.get(number)
+        groups = {} if side is None else {f"{side} {real}": every}
+        blocks.append(Block(kind, from_vtk(kind, rows), groups, f"type {number}", labels))
     node_groups: dict[str, Ints] = {}
     for name, (what, members) in archive.components.items():
         if what.startswith("NODE"):
@@ -360,19 +360,15 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
 
 def _joints(archive: Archive, mesh: MeshFile, found: Collector) -> None:
     """Take the contact pairs; of a symmetric pair its first half."""
-    nodes: dict[str, set[int]] = {}
-    for block in mesh.blocks:
-        for name in block.groups if block.name.count(" ") == 2 else ():
-            nodes.setdefault(name, set()).update(block.nodes[:, : block.shape.corners].ravel())
-    taken: list[tuple[set[int], set[int]]] = []
+    taken: list[list[set[int]]] = []
     sides = [(SURFACES.get(archive.types.get(t, 0)), n, t) for n, t, _ in archive.elements]
     laws = {archive.reals[n]: (n, t) for side, n, t in sides if side == "contact"}
     for real, (label, type_) in laws.items():
         pair = f"contact {real}", f"target {real}"
-        if not set(pair) <= nodes.keys():
+        ends = [_corners(mesh, name) for name in pair]
+        if not all(ends):
             found.leave(f"contact pair {real} without facets on both sides, as of a remote point")
             continue
-        ends = nodes[pair[0]], nodes[pair[1]]
         if ends[::-1] in taken:
             continue
         taken.append(ends)
@@ -391,6 +387,13 @@ def _joints(archive: Archive, mesh: MeshFile, found: Collector) -> None:
             normal=-stiffness if stiffness < 0.0 else None,
         )
         found.joints.append(joint)
+
+
+def _corners(mesh: MeshFile, group: str) -> set[int]:
+    """The corners of the facets of a group."""
+    facets = [block for block in mesh.blocks if group in block.groups]
+    nodes = [of.nodes[of.groups[group], : of.shape.corners].ravel() for of in facets]
+    return {int(node) for of in nodes for node in of}
 
 
 def _component(archive: Archive, type_: int, nodes: list[int]) -> int:

@@ -438,8 +438,8 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
     frames = np.array([frame(n / np.linalg.norm(n)) for n in around.mean @ found.normal])
     gap = around.mean @ found.gap
     gap[np.abs(gap) < SHUT * sides[0].size.mean()] = 0.0
-    told = gap if contact.has_mesh_gaps else np.full(len(x), contact.gap or 0.0)
-    if (depth := -float(gap.min())) > INSIDE * sides[0].size.mean() and told is gap:
+    depth = -float(gap.min())
+    if contact.has_mesh_gaps and depth > INSIDE * sides[0].size.mean():
         worst = x[np.argmin(gap)].round(6).tolist()
         reason = f"the first region lies up to {depth:.3g} m inside {contact.against!r}, near "
         reason += f"{worst}; correct the mesh, or give contacts.gap{_elsewhere(body, contact)}"
@@ -451,7 +451,8 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
         part.data[np.abs(part.data) < ROUNDING] = 0.0
         part.eliminate_zeros()
     own, ahead = rows if sense else (rows[0], csr_array(rows[0].shape))
-    tell(body, contact, place, around, told, sides[:2])
+    used = gap if contact.has_mesh_gaps else np.full(len(x), contact.gap or 0.0)
+    tell(body, contact, place, around, used, sides[:2])
     return PairRows(own, ahead, points_on(number, around.area, x, frames, gap=gap))
 
 

@@ -227,8 +227,9 @@ def _described(
     tags = np.concatenate(gmsh.model.mesh.getElements(d)[1])
     quality = np.asarray(gmsh.model.mesh.getElementQualities(tags, "minSICN"))
     low, high = _pieces(cells, points[:, :d])
-    said = () if clean.sector is None else (clean.sector.note,)
-    joined = len(low) <= 1 + len(found.physics.joints)
+    said = [] if clean.sector is None else [clean.sector.note]
+    if len(low) > 1 + len(found.physics.joints):
+        said.insert(0, apart(low, high))
     return replace(
         found,
         pieces=len(low),
@@ -236,12 +237,7 @@ def _described(
         quality=float(quality.min()),
         worst=points[cells[quality.argmin()]].mean(axis=0),
         groups=tuple(groups),
-        warnings=(
-            *warnings,
-            *clean.warnings,
-            *filter(None, [not joined and apart(low, high)]),
-            *said,
-        ),
+        warnings=(*warnings, *clean.warnings, *said),
         points=points,
         boundary=np.searchsorted(numbers, shown),
         sector=clean.sector if clean.sector is not None and clean.sector.is_likely else None,
