@@ -51,7 +51,8 @@ from fenicsrom.online.model.subspace import nested_model
 from fenicsrom.reduction import stages
 from fenicsrom.reduction.basis import ReducedBasis, build_basis, project
 from fenicsrom.reduction.derivatives import Selection, all_pairs, combinations, split
-from fenicsrom.reduction.modes import ComponentModes, component_modes, load_responses, varying_loads
+from fenicsrom.reduction.load_responses import load_responses, varying_loads
+from fenicsrom.reduction.modes import ComponentModes, component_modes
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.scene import Basis, Scene
 

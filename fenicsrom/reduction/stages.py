@@ -19,7 +19,8 @@ from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.reduction import derivatives as modal
 from fenicsrom.reduction import interface
 from fenicsrom.reduction.basis import ReducedBasis, build_basis, project, project_intrusively
-from fenicsrom.reduction.modes import ComponentModes, LoadVectors, component_modes
+from fenicsrom.reduction.load_responses import LoadVectors
+from fenicsrom.reduction.modes import ComponentModes, component_modes
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.scene import Basis, Scene

@@ -144,7 +144,8 @@ def contact_frequencies(run: Run) -> None:
 
 def set_modes(run: Run, found: ComponentModes) -> None:
     """Take component modes into the record, say what they lack, and begin the reduction."""
-    from fenicsrom.reduction.modes import LOAD_SHARE, missing_modes, with_mode_count
+    from fenicsrom.reduction.load_responses import LOAD_SHARE
+    from fenicsrom.reduction.modes import missing_modes, with_mode_count
     from fenicsrom.reduction.snapshots import Snapshots
     from fenicsrom.reduction.stages import Reduction
 

@@ -295,7 +295,8 @@ def _read_modes(run: Run, header: Any, arrays: Any) -> None:
     from fenicsrom.online.contact.points import ContactPoints
     from fenicsrom.online.store.scene_changes import Trained
     from fenicsrom.online.stress.stress import Deformation
-    from fenicsrom.reduction.modes import ComponentModes, ConstrainedInverse, LoadVectors
+    from fenicsrom.reduction.load_responses import LoadVectors
+    from fenicsrom.reduction.modes import ComponentModes, ConstrainedInverse
 
     classes = {kind.__name__: kind for kind in (ContactPoints, Deformation, LoadVectors, Trained)}
     kept = store.unpack(header["tree"], arrays, {**classes, "ComponentModes": dict})

@@ -13,8 +13,8 @@ from support import beam_scene
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.reduction.derivatives import modal_coordinates
+from fenicsrom.reduction.load_responses import LOAD_SHARE
 from fenicsrom.reduction.modes import (
-    LOAD_SHARE,
     MOST_LINEAR_MODES,
     MOST_MODES,
     ComponentModes,
