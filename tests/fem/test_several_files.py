@@ -19,8 +19,9 @@ from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.online.store.scene_changes import changed_key
 from fenicsrom.online.store.store import mesh_digest
-from fenicsrom.post.base.origin import python_origin, read_record, write_origin
+from fenicsrom.post.base.origin import Origin, python_origin, read_record, write_origin
 from fenicsrom.scene import Scene, parse_scene, read_scene
+from fenicsrom.study.output_folder import output_folder
 
 
 def cube(folder: Path, name: str, at: float) -> Path:
@@ -84,6 +85,16 @@ def test_folder_of_results_keeps_all_files(folder: Path) -> None:
     assert digest == mesh_digest(again.geometry.files)
     cube(folder, "b.inp", 1.5)
     assert digest != mesh_digest(scene.geometry.files)
+
+
+def test_motion_of_a_stored_model_of_several_files_is_made_again_in_its_folder(
+    folder: Path,
+) -> None:
+    scene, model = joined(folder, "b.inp"), folder / "model.npz"
+    model.touch()
+    for _ in range(2):  # the second time it replaces its own results
+        with output_folder(folder / "out", scene, origin=Origin((), ("run",), model=model)):
+            (folder / "out" / "history.npz").touch()
 
 
 def test_files_that_cannot_be_told_apart_are_refused(folder: Path) -> None:

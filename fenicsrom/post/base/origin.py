@@ -132,8 +132,8 @@ def write_origin(
         OSError: a file cannot be written.
     """
     before = {path.name for path in folder.iterdir()} - set(own)
-    files = scene.geometry.files if origin.model is None else ()
-    mesh, *also = [_keep_mesh(file, folder) for file in files] or [None]
+    stored = origin.model is not None
+    mesh, *also = [None if stored else _keep_mesh(file, folder) for file in scene.geometry.files]
     model = _keep_model(origin.model, folder)
     inputs = _input_words(origin, model, folder)
     record: dict[str, Any] = {
