@@ -132,9 +132,9 @@ def contact_frequencies(run: Run) -> None:
         if (free := np.flatnonzero((contacts.friction == 0.0) & held)).size:
             key = f"contacts[{study.solid.points.contact[free[0]]}].friction"
             text = (
-                f"{key} is 0, but closed points stick in the modes, and damping.ratios hold for "
-                f"these: let them slide by a tangential_stiffness below {SOFT:g} of "
-                "normal_stiffness"
+                f"{key} is 0, but the closed points of this contact stick in the modes to which "
+                f"damping.ratios belong: a tangential_stiffness below {SOFT:g} of normal_stiffness "
+                "lets them slide"
             )
             study.warnings.append(Note(NoteKind.WARNING, text, key, quantity=FREQUENCIES))
     rigid = study.modes.rigid

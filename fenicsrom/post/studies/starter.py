@@ -27,12 +27,12 @@ ON_PLANE = 1e-6
 FRICTION = 0.3
 
 TIMES_OF_CONTACT = (
-    "[time] # of a run, which the path does not need",
+    "[time] # of fenicsrom run; fenicsrom statics does not need it",
     "duration = 1.0",
     "step = 0.1",
     "",
 )
-"""The table without which a scene with contact is refused."""
+"""The times without which `fenicsrom run` refuses a scene with contact."""
 
 STEEL = 2.1e11
 """Young's modulus of steel, Pa."""

@@ -356,9 +356,11 @@ def _geometry_problems(geometry: Geometry) -> Problems:
         yield Problem("geometry.size", "must be the cell size in m for a .step file")
     for k, path in enumerate(geometry.also):
         if path.suffix.lower() == ".geo":
-            yield Problem(f"geometry.also[{k}]", "must be a mesh file that gmsh makes of it")
+            reason = "must be a mesh or .step file: make a mesh file of a .geo file with gmsh"
+            yield Problem(f"geometry.also[{k}]", reason)
         if path.stem in [other.stem for other in geometry.files[: k + 1]]:
-            yield Problem(f"geometry.also[{k}]", "files must have different names")
+            reason = "files must have different names, which begin those of their groups"
+            yield Problem(f"geometry.also[{k}]", reason)
     keys = {
         "thickness": (plane, "in 2D"),
         "plane": (plane, "in 2D"),
@@ -366,7 +368,7 @@ def _geometry_problems(geometry: Geometry) -> Problems:
         "cells": (suffix == ".geo" or is_step, "if mesh is a .geo or .step file"),
         "size": (is_step, "if mesh is a .step file"),
         "meshing": (is_step, "if mesh is a .step file"),
-        "glue": (is_step, "if mesh is a .step file: the other files say which bodies share nodes"),
+        "glue": (is_step, "with a .step file: the nodes of a mesh file join its bodies"),
         "scale": (geometry.has_mesh, f"if mesh is a mesh file, not for a {suffix} file"),
     }
     usual = Geometry(mesh=geometry.mesh, dimension=geometry.dimension)
