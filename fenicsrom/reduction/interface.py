@@ -9,7 +9,7 @@ the combinations W. With the springs k of the closed points and the rest x₀, F
 
 are the part of the forces that no spring explains (slip), and all of them (the response of points
 that stick). The columns of W are the leading left singular vectors of both histories, each in the
-metric k^-½, the first of norm 1 and the second of norm 0.1, times k^½. The motion of a basis with
+metric k^-½, the first of norm 1 and the second of norm 0.05, times k^½. The motion of a basis with
 K_lin⁻¹ B W gives better forces, so the choice is repeated.
 """
 
@@ -32,7 +32,7 @@ PASSES = 4
 SETTLED = 0.02
 """The vectors have settled if the dissipation by friction changes by less from pass to pass."""
 
-STUCK_WEIGHT = 0.1
+STUCK_WEIGHT = 0.05
 """Weight of F − F₀ in (1) relative to ΔF."""
 
 REST = 2e-3

@@ -76,15 +76,15 @@ def test_full_model_moves_as_by_newton_in_full(
 ) -> None:
     solid = moving(False, pressed)
     motion, few = run(solid, monkeypatch)
-    for name in ("LONG", "LONG_WITHOUT_CONTACT", "PATIENCE"):
-        monkeypatch.setattr(module, name, 0)  # every iteration makes its own factor
+    for name in ("MORE", "PATIENCE"):
+        monkeypatch.setattr(module, name, -99)  # every iteration makes its own factor
     reference, many = run(solid, monkeypatch)
     assert motion.steps == reference.steps == 60
     scale = np.abs(reference.displacement).max()
     np.testing.assert_allclose(
         motion.displacement, reference.displacement, rtol=0, atol=1e-8 * scale
     )
-    assert few < many * (0.55 if pressed else 0.33)
+    assert few < many / (2 if pressed else 3)
 
 
 def test_linear_full_model_factorises_once_for_all_steps(monkeypatch: pytest.MonkeyPatch) -> None:

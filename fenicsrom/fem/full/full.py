@@ -36,12 +36,10 @@ _SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
-LONG, LONG_WITHOUT_CONTACT = 4, 7
-"""Iterations of a step after which the next step makes a new factor.
+MORE = 1
+"""A factor is kept for the next step if it took at most so many iterations more than when new.
 
-The tangent moves with the motion. With the factor of the same step the decrement falls by ten
-digits in an iteration, with that of some steps before by three. A factorisation takes as long as
-ten iterations or more.
+The tangent moves with the motion. A factorisation takes as long as ten iterations or more.
 """
 
 CONTRACTION = 0.25
@@ -88,7 +86,7 @@ class _Progress:
 
     Attributes:
         iteration: its number, from 1.
-        was_long: whether the last step needed many iterations.
+        was_long: whether the last step needed more iterations than that which made the factor.
         is_slow: whether the last change is too large after the one before.
         renewals: number of factorisations in this step.
     """
@@ -96,15 +94,16 @@ class _Progress:
     def __init__(self, solid: Solid):
         self._comm, self._dot = solid.comm, solid.dot
         self._start, self._dq, self._change = np.zeros(0), np.zeros(0), np.inf
-        self._most = LONG if solid.contact_rows.shape[0] else LONG_WITHOUT_CONTACT
-        self.iteration, self.renewals = 0, 0
+        self.iteration, self.renewals, self._least = 0, 0, 0
         self.was_long, self.is_slow = False, False
 
     def note(self, q0: Array, dq: Array) -> None:
         """Note the iterate dq (local,) of a step that starts at q0 (local,)."""
         change = np.inf
         if not self._comm.allreduce(np.array_equal(q0, self._start), op=MPI.LAND):
-            self._start, self.was_long = q0.copy(), self.iteration > self._most
+            if self.renewals:
+                self._least = self.iteration
+            self._start, self.was_long = q0.copy(), self.iteration > self._least + MORE
             self._change, self.iteration, self.renewals = np.inf, 0, 0
         elif self.iteration:
             change = np.sqrt(self._dot(dq - self._dq, dq - self._dq))
