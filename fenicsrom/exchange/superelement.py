@@ -133,10 +133,19 @@ class _Builder:
         probe, probe_offset, _ = self._mean(seen, key)
         none = np.zeros((0, 0))
         elastic = ElasticPolynomial(steady, self.stiffness, none, none)
-        given = self.mass, damping, elastic, loads, of_loads(scene.loads)
-        touching = points, contact_rows, contact_offset + contact_rows @ rest
-        seen_at = probe, probe_offset + probe @ rest
-        model = reduced_model(*given, *touching, *seen_at, velocity_matrix)
+        model = reduced_model(
+            mass=self.mass,
+            damping=damping,
+            elastic=elastic,
+            loads=loads,
+            load_histories=of_loads(scene.loads),
+            points=points,
+            contact_rows=contact_rows,
+            contact_offset=contact_offset + contact_rows @ rest,
+            probe=probe,
+            probe_offset=probe_offset + probe @ rest,
+            velocity_matrix=velocity_matrix,
+        )
         squares = scipy.linalg.eigh(self.stiffness, self.mass, eigvals_only=True)
         frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
         labels = tuple(f"q{k + 1}" for k in self.kept)

@@ -223,10 +223,18 @@ class Collector:
         self.not_taken |= dict.fromkeys(left)
         blocks, pressures = self._pressures(groups)
         blocks += [block for facets in self.surfaces.values() for block in facets]
-        loads, plane = (*self.others, *pressures, *forces), (self.thickness, self.strain)
-        held = tuple(supports), tuple(masses), tuple(springs)
-        lost = tuple(self.not_taken), *plane, self.lost_support
-        physics = Physics(materials, *held, loads, *lost, tuple(self.joints))
+        physics = Physics(
+            materials,
+            supports=tuple(supports),
+            masses=tuple(masses),
+            springs=tuple(springs),
+            loads=(*self.others, *pressures, *forces),
+            not_taken=tuple(self.not_taken),
+            thickness=self.thickness,
+            strain=self.strain,
+            lost_support=self.lost_support,
+            joints=tuple(self.joints),
+        )
         return replace(mesh, blocks=(*mesh.blocks, *blocks), node_groups=groups, physics=physics)
 
     def _moving(self, forces: dict[int, Floats]) -> dict[int, Floats]:

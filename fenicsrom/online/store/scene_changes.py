@@ -106,7 +106,7 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     names += " damping probe basis material cyclic"
     if (name := first_difference(made, wanted, names.split())) is not None:
         return name
-    contact_key = partial(_changed_contact_key, contact_keys(_rests(made)))
+    contact_key = partial(_changed_contact_key, contact_keys(_keeps_rest(made)))
     for table, changed in (("loads", _changed_load_key), ("contacts", contact_key)):
         ours, theirs = getattr(made, table), getattr(wanted, table)
         if len(ours) != len(theirs):
@@ -166,7 +166,7 @@ def shares_model(made: Scene, wanted: Scene) -> bool:
     return first_difference(made, wanted, motion) is None
 
 
-def _rests(made: Scene) -> bool:
+def _keeps_rest(made: Scene) -> bool:
     """Whether the equilibrium of bodies that touch cannot be found again without a mesh."""
     return made.joined and (made.cyclic is not None or bool(made.followers))
 
@@ -185,7 +185,7 @@ def _with_allowed(made: Scene, wanted: Scene) -> Scene:
         geometry = replace(geometry, mesh=made.geometry.mesh, also=made.geometry.also)
     material = replace(wanted.material, mass_damping=made.material.mass_damping)
     found = replace(wanted, basis=basis, geometry=geometry, material=material)
-    if len(made.bolts) == len(wanted.bolts) and not _rests(made):
+    if len(made.bolts) == len(wanted.bolts) and not _keeps_rest(made):
         pairs = zip(made.bolts, wanted.bolts, strict=True)
         found = replace(found, bolts=tuple(replace(b, force=a.force) for a, b in pairs))
     if made.cyclic is not None and wanted.cyclic is not None:
