@@ -42,7 +42,13 @@ from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
 from fenicsrom.fem.solid.plausibility import implausible_inputs, implausible_normals
 from fenicsrom.notes import Note, NoteKind
-from fenicsrom.online.contact.points import ContactPoints, all_points, contacts_of, points_on
+from fenicsrom.online.contact.points import (
+    ContactPoints,
+    all_points,
+    contacts_of,
+    paired,
+    points_on,
+)
 from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.contact.together import all_closed, sticking
 from fenicsrom.online.model.loads import PressurePolynomial, histories_of
@@ -157,8 +163,7 @@ class Solid(ElasticBody):
         self.joined = scene.joined
         if self.joined:
             self._contacts = contacts_of(scene, self.points)
-            against = np.array([contact.against is not None for contact in scene.contacts])
-            self._paired = against[self.points.contact]
+            self._paired = paired(scene, self.points)
             self.joint = Joint(self.contact_rows, *all_closed(self._contacts, self._paired))
             springs = csr_array(springs + self.joint.stiffness)
         linked = self.joined or scene.ties or any(one.to for one in scene.attachments)

@@ -92,6 +92,12 @@ def shares(scene: Any, points: ContactPoints) -> Array:
     return np.asarray(points.tributary_area * length**points.unit_lengths)
 
 
+def paired(scene: Any, points: ContactPoints) -> NDArray[np.bool_]:
+    """Which of the points (P,) touch another body, and not a rigid surface."""
+    against = np.array([one.against is not None for one in scene.contacts], dtype=bool)
+    return np.asarray(against[points.contact])
+
+
 def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
     """The parameters of a scene's contacts at their points.
 

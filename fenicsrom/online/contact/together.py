@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
@@ -59,7 +60,7 @@ def sticking(contacts: Contacts, x: Array, soft: float = 1.0) -> Springs:
     return Springs(springs, reference)
 
 
-def all_closed(contacts: Contacts, paired: Array) -> Springs:
+def all_closed(contacts: Contacts, paired: NDArray[np.bool_]) -> Springs:
     """The points from which the search starts: those of the bodies, and of walls without a gap.
 
     `paired` (P,) tells which points touch another body.

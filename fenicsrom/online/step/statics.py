@@ -25,6 +25,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
@@ -263,7 +264,7 @@ def equilibrium(problem: Problem) -> tuple[Array, int]:
     return (statics.downhill(q), unstable) if unstable else (q, 0)
 
 
-def together(model: ReducedModel, contacts: Contacts, paired: Array) -> Array:
+def together(model: ReducedModel, contacts: Contacts, paired: NDArray[np.bool_]) -> Array:
     """The equilibrium q (n,) of bodies that touch, brought together without friction.
 
     Args:

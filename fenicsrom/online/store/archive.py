@@ -28,7 +28,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.files import read_archive, write_archive
-from fenicsrom.online.contact.points import ContactPoints, contacts_of
+from fenicsrom.online.contact.points import ContactPoints, contacts_of, paired
 from fenicsrom.online.contact.surfaces import history_of, speed_history
 from fenicsrom.online.contact.together import require_planes
 from fenicsrom.online.model.bolts import Bolts
@@ -257,8 +257,7 @@ class StoredModel:
         pulled = every.bolts.pulled(every.elastic, pulls, scene.geometrically_nonlinear)
         every = every._replace(elastic=pulled)
         contacts = contacts_of(scene, every.points)
-        paired = [scene.contacts[k].against is not None for k in every.points.contact]
-        q = together(every, contacts, np.array(paired))
+        q = together(every, contacts, paired(scene, every.points))
         every = about(every, q)
         require_planes(contacts, every.points, every.contact_offset, scene.source)
         modes = dict.fromkeys(range(1, self.frequencies_hz.size + 1), math.nan)

@@ -30,7 +30,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.points import closed_springs, contacts_of, trial_forces
+from fenicsrom.online.contact.points import (
+    closed_springs,
+    contacts_of,
+    paired,
+    trial_forces,
+)
 from fenicsrom.online.model.loads import factors
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.measures import has_contact
@@ -196,7 +201,7 @@ def motion_reactions(table: ReactionTable, scene: Scene, model: Any, motion: Mot
     if scene.joined:  # bodies that touch push one another with equal forces
         rest = trial_forces(contacts_of(scene, model.points), model.contact_offset)
         force[:, :, 0] -= rest.clip(0.0)  # it is in the table
-        force[:, [scene.contacts[k].against is not None for k in model.points.contact]] = 0.0
+        force[:, paired(scene, model.points)] = 0.0
     total = total + np.einsum("kpi,pix->kx", force, model.points.frame)
     return Reactions(support_names(scene), 0.5 * (time[1:] + time[:-1]), values, total)
 
