@@ -361,9 +361,11 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
 def _joints(archive: Archive, mesh: MeshFile, found: Collector) -> None:
     """Take the contact pairs; of a symmetric pair its first half."""
     taken: list[list[set[int]]] = []
-    sides = [(SURFACES.get(archive.types.get(t, 0)), n, t) for n, t, _ in archive.elements]
-    laws = {archive.reals[n]: (n, t) for side, n, t in sides if side == "contact"}
-    for real, (label, type_) in laws.items():
+    last = {}  # element of the contact surface of each pair, and its type
+    for label, type_, _ in archive.elements:
+        if SURFACES.get(archive.types.get(type_, 0)) == "contact":
+            last[archive.reals[label]] = label, type_
+    for real, (label, type_) in last.items():
         pair = f"contact {real}", f"target {real}"
         ends = [_corners(mesh, name) for name in pair]
         if not all(ends):

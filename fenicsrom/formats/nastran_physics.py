@@ -459,9 +459,13 @@ def _join(deck: Deck, card: Card) -> None:
         if missing := [name for name in pair if not found.surfaces[name]]:
             found.leave(f"{_name(card)}: {missing[0]} has no faces of solids (BSURFS)")
             continue
-        number, farthest = card.real(at + 2), card.real(at + 2 if tied else at + 4)
-        friction = {} if tied else {"friction": number}
-        joint = DeckJoint(_name(card), *pair, tied=tied, reach=farthest or None, **friction)
+        joint = DeckJoint(
+            _name(card),
+            *pair,
+            tied=tied,
+            reach=card.real(at + 2 if tied else at + 4) or None,
+            friction=0.0 if tied else card.real(at + 2),
+        )
         found.joints.append(joint)
 
 

@@ -12,7 +12,7 @@ Node numbers are those of gmsh. A "kind" is gmsh's number of an element type.
 import re
 from collections.abc import Iterable
 from dataclasses import MISSING
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Any
 
 import numpy as np
@@ -287,7 +287,7 @@ def _pieces(
     """
     source, glue, number = str(geometry.mesh), geometry.glue, range(len(bodies))
     solids, where = list(bodies), Where(source, "geometry.glue")
-    for name in (name for one in glue or () for name in one) if isinstance(glue, tuple) else ():
+    for name in chain(*glue) if isinstance(glue, tuple) else ():
         if name not in bodies.values():
             listed = ", ".join(dict.fromkeys(bodies.values()))
             raise where.refuse(name, f"must name bodies: {listed}", ErrorKind.PLACE)
@@ -302,7 +302,6 @@ def _pieces(
         for i in owners.get(one, ())
         for j in owners.get(other, ())
     }
-
     if not met and glue in (None, True):
         return [solids], []
 

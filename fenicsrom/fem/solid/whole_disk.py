@@ -71,14 +71,19 @@ def whole_scene(scene: Scene) -> Scene:
     require_none(_problems(scene), scene, Where(scene.source))
     assert scene.cyclic is not None
     turns = [_Turn(scene.cyclic, j) for j in range(scene.cyclic.sectors)]
-    count, contacts = len(scene.loads), scene.contacts
-    loads = enumerate(disk_scene(scene).loads)  # one sector after the other
-    copied = [(contacts[k], turns[j]) for j, k in _contacts(scene)]
+    count, loads = len(scene.loads), []
+    for k, load in enumerate(disk_scene(scene).loads):  # one sector after the other
+        if k < count or not load.everywhere:
+            loads.append(turns[k // count].of(load))
+    contacts = []
+    for j, k in _contacts(scene):
+        contact = scene.contacts[k]
+        contacts.append(contact if contact.against else turns[j].of(contact))
     return replace(
         scene,
         cyclic=None,
-        loads=tuple(turns[k // count].of(x) for k, x in loads if k < count or not x.everywhere),
-        contacts=tuple(replace(c if c.against else t.of(c), neighbour=False) for c, t in copied),
+        loads=tuple(loads),
+        contacts=tuple(replace(contact, neighbour=False) for contact in contacts),
         supports=tuple(turn.of(one) for turn in turns for one in scene.supports),
         attachments=tuple(turn.of(one) for turn in turns for one in scene.attachments),
         probe=scene.probe and turns[0].of(scene.probe),

@@ -16,7 +16,8 @@ class Bolts(NamedTuple):
 
     Attributes:
         line: (b, d) from the head to the nut, m.
-        apart: (b, d, 1 + n) how far the nut moves from the head at q = 0, m, and by coordinates.
+        apart: (b, d, 1 + n) how far the nut moves from the head at q = 0, m, and by coordinates; of
+            a body (b, d, local), by its displacements.
     """
 
     line: Array
