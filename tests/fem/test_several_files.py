@@ -17,7 +17,7 @@ from test_deck_physics import PLACES
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import solid_of
-from fenicsrom.online.store.scene_changes import changed_key
+from fenicsrom.online.store.scene_changes import changed_key, changed_scene
 from fenicsrom.online.store.store import mesh_digest
 from fenicsrom.post.base.origin import Origin, python_origin, read_record, write_origin
 from fenicsrom.scene import Scene, parse_scene, read_scene
@@ -81,6 +81,7 @@ def test_folder_of_results_keeps_all_files(folder: Path) -> None:
     again = read_scene(out / "scene.toml")
     assert [file.parent for file in again.geometry.files] == 3 * [out.resolve()]
     assert changed_key(scene, again) is None
+    assert changed_key(scene, changed_scene(scene, "ties.1.against='high'")) == "ties"
     digest = mesh_digest(scene.geometry.files)
     assert digest == mesh_digest(again.geometry.files)
     cube(folder, "b.inp", 1.5)

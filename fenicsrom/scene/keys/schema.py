@@ -59,7 +59,7 @@ class Geometry:
         scale: unit of length of the mesh file; 1 is the unit of [units].
         glue: whether bodies of a .step file that touch are joined there, or lists of the bodies
             that are. Default: all, without the faces of [[contacts]] and [[ties]] (`against`).
-        apart: pairs of the groups of these faces.
+        apart: pairs of the groups of these faces, from [[contacts]] and [[ties]]; no key.
     """
 
     mesh: Annotated[Path, rules.path]
@@ -79,7 +79,7 @@ class Geometry:
     glue: Annotated[
         bool | tuple[tuple[str, ...], ...] | None, either(flag, list_of(list_of(rules.name, 2)))
     ] = None
-    apart: tuple[tuple[str, str], ...] = ()
+    apart: tuple[tuple[str, str], ...] = field(default=(), compare=False)
 
     @property
     def files(self) -> tuple[Path, ...]:
