@@ -228,3 +228,14 @@ def test_neighbour_without_a_disk_or_a_region_is_refused(tmp_path: Path) -> None
     wall = {"group": "ahead", "normal": [1.0, 0.0], "neighbour": True}
     with refusal(ErrorKind.CONFLICT, key="contacts[0].neighbour", names="with against"):
         sector_scene(tmp_path, shrouded(), [wall])
+
+
+def test_slides_past_the_next_point_are_told_once(tmp_path: Path) -> None:
+    given: dict[str, Any] = {
+        "contacts": [SHROUD | {"friction": 0.01, "normal_stiffness": 1e12}],
+        "basis": {"modes": 4, "masters": "all"},
+        "time": {"periods": 1, "steps_per_period": 20},
+        "output": {"pictures": False, "stresses": "none"},
+    }
+    found = run(sector_scene(tmp_path, shrouded(), force=6e5, **given), MPI.COMM_SELF)
+    assert sum("slide by up to" in str(note) for note in found.warnings) == 1

@@ -18,7 +18,12 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, check_motion
-from fenicsrom.assess.errors.plausibility import implausible_motion, slides, strain_warnings
+from fenicsrom.assess.errors.plausibility import (
+    implausible_motion,
+    is_explained,
+    slides,
+    strain_warnings,
+)
 from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.notes import FREQUENCIES, Note, NoteKind
@@ -186,19 +191,20 @@ def _slides(disk: StoredDisk, motion: Motion) -> list[Note]:
 
 
 def _implausible(disk: StoredDisk, motion: Motion) -> list[Note]:
-    """The note of `implausible_motion`, with the sector whose contact points move most."""
-    points = disk.sector.model.points
+    """The note on the sector whose contact points move most, else those on slides in any sector."""
+    points, largest = disk.sector.model.points, motion
     if count := len(points.contact):
         size = np.linalg.norm(motion.displacement, axis=2).max(axis=0)
         first = int(np.argmax(size)) // count * count
         own = slice(first, first + count)
-        motion = replace(
+        largest = replace(
             motion,
             displacement=motion.displacement[:, own],
             force=motion.force[:, own],
             gap=motion.gap[:, own],
         )
-    return implausible_motion(motion, points, disk.extent, disk.scene)
+    found = implausible_motion(largest, points, disk.extent, disk.scene)
+    return found if is_explained(found) or not disk.scene.joined else _slides(disk, motion)
 
 
 def reduction_notes(disk: StoredDisk) -> list[Note]:
@@ -235,7 +241,6 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
     if not disk.file:
         warnings += unsettled(disk.trained, scene, motion)
     warnings += _implausible(disk, motion)
-    warnings += _slides(disk, motion) if scene.joined else []
     try:
         if delta.any() and not found.ended:
             with timed("motion of the tuned disk"):
