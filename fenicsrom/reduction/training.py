@@ -26,6 +26,7 @@ from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene
 from fenicsrom.scene.keys.times import Time
+from fenicsrom.scene.reading.overrides import as_given
 
 DECAY = 10.0
 """Periods for which the mode of a backbone decays."""
@@ -129,11 +130,12 @@ def beyond(trained: Trained | None, scene: Scene, size: float, length: float = 0
     """
     if trained is None or not any(trained.friction + tuple(c.friction for c in scene.contacts)):
         return []
-    found = [
-        f"loads.{k}.{load.kind} is {abs(load.size):.4g}, and was {most:.4g}"
-        for k, (load, most) in enumerate(zip(scene.loads, trained.loads, strict=True))
-        if abs(load.size) > LARGER * most
-    ]
+    found = []
+    for k, (load, most) in enumerate(zip(scene.loads, trained.loads, strict=True)):
+        if abs(load.size) > LARGER * most:
+            key = f"loads.{k}.{load.kind}"
+            now, was = (as_given(scene, key, size) for size in (abs(load.size), most))
+            found.append(f"{key} is {now:.4g}, and was {was:.4g}")
     found += [
         f"contacts.{k}.friction is {contact.friction:g}, and was {least:g}"
         for k, (contact, least) in enumerate(zip(scene.contacts, trained.friction, strict=True))
@@ -143,7 +145,9 @@ def beyond(trained: Trained | None, scene: Scene, size: float, length: float = 0
         found.append(f"the probe moves by {size:.4g} m, and moved by {trained.amplitude:.4g} m")
     if length > LARGER * trained.duration:
         found.append(f"the motion lasts {length:.4g} s, and lasted {trained.duration:.4g} s")
-    found += [f"{key} is {_given(now)}, and was {_given(was)}" for key, was, now in trained.changed]
+    for key, *values in trained.changed:
+        was, now = ("not given" if x is None else as_given(scene, key, x) for x in values)
+        found.append(f"{key} is {now}, and was {was}")
     if not found:
         return []
     text = (
@@ -152,11 +156,6 @@ def beyond(trained: Trained | None, scene: Scene, size: float, length: float = 0
         "friction"
     )
     return [Note(NoteKind.ERROR, text, "basis.masters", quantity=DISSIPATION)]
-
-
-def _given(value: float | None) -> str:
-    """The value of a key, or that it has none."""
-    return "not given" if value is None else str(value)
 
 
 def unsettled(trained: Trained | None, scene: Scene, motion: Motion) -> list[Note]:

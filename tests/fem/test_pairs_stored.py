@@ -19,6 +19,7 @@ from fenicsrom.online.model.bolts import no_bolts
 from fenicsrom.online.step.statics import together
 from fenicsrom.online.store.scene_changes import Trained, changed_scene
 from fenicsrom.reduction.training import beyond
+from fenicsrom.scene.keys.unit_system import Units
 from tests.fem.test_pairs import COARSE, forces, lap, solid
 from tests.support import refusal
 
@@ -84,6 +85,8 @@ def test_changed_joint_has_no_estimate_of_the_friction_of_other_vectors(
     fitted = replace(stored, trained=TRAINED).with_overrides({"contacts.0.gap": -2e-6})
     (note,) = beyond(fitted.trained, fitted.scene, 0.0)
     assert "contacts.0.gap is -2e-06, and was not given" in str(note)
+    (note,) = beyond(fitted.trained, replace(fitted.scene, units=Units(length="mm")), 0.0)
+    assert "contacts.0.gap is -0.002, and was not given" in str(note)
     back = found.with_overrides(dict.fromkeys(BOLTS, 4000.0))
     assert not beyond(back.trained, back.scene, 0.0)
     moved = back.model.contact_offset - stored.model.contact_offset

@@ -272,7 +272,7 @@ class StoredModel:
             tables = self.tables.about(q)
             deformation = deformation_at(tables.stress, np.zeros(q.size))
             found = replace(found, tables=tables, deformation=deformation)
-        if self.finer is None or all("tangential" in key for key, *_ in changes):
+        if self.finer is None or all(key.endswith(".tangential_stiffness") for key, *_ in changes):
             return found
         return replace(found, finer=None, finer_labels=(), unjudged=UNJUDGED_REST)
 
