@@ -52,11 +52,11 @@ def test_comparison_has_the_whole_disk_beside_disks_of_sectors(tmp_path: Path) -
     few, many = found.outcomes
     assert many.errors["history"] < 1e-3 and 0.1 < few.error < 0.5  # percent
     assert many.error < 2e-3 and many.errors["state"] == 0.0
-    assert (len(few.labels), len(many.labels)) == (18, 38)
+    assert (len(few.labels), len(many.labels)) == (10, 30)
     told = json.loads((folder / "comparison.json").read_text())
     assert told["dofs"] == found.unknowns == 192
     said = " ".join(sentences(found))
-    assert "disk of reduced sectors is rubin, 20V" in said and "38 coordinates of a sector" in said
+    assert "disk of reduced sectors is rubin, 20V" in said and "30 coordinates of a sector" in said
     names = {file.name for file in found.files}
     assert {"pareto.png", "size.png"} < names and "indicator.png" not in names
 

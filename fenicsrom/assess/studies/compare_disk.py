@@ -79,7 +79,7 @@ def compare_disk(scene: Scene, comm: Any, stop: Callable[[], bool]) -> Compariso
         except (ConvergenceError, AccuracyError) as error:
             outcome.failure = str(error)
             return outcome
-        outcome.labels = tuple(f"q{k + 1}" for k in range(disk.sector.model.size))
+        outcome.labels = tuple(f"q{k + 1}" for k in range(disk.size))
         outcome.estimated = found.errors.get("basis")
         outcome.motion = kept(found.motion)
         outcome.online, outcome.timed_periods = timings
