@@ -20,8 +20,7 @@ from fenicsrom.online.curves.curve import (
     states_over_period,
 )
 from fenicsrom.online.periodic.steady import periods_of
-from fenicsrom.online.run.march import joined_rows
-from fenicsrom.online.step.state import Record, no_record
+from fenicsrom.online.step.state import Record, joined_rows, no_record
 from fenicsrom.online.store.store import pack, unpack
 
 PERIOD = 0.5

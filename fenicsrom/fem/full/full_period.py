@@ -31,7 +31,7 @@ from fenicsrom.online.derivative.contact_sensitivity import (
 from fenicsrom.online.derivative.period_sensitivity import end_coefficients
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.period_map import PeriodVariables
-from fenicsrom.online.run.march import copied_rows, initial_state, joined_rows
+from fenicsrom.online.run.march import initial_state
 from fenicsrom.online.step.state import (
     LAST_STEP,
     STEP,
@@ -40,6 +40,8 @@ from fenicsrom.online.step.state import (
     Record,
     Scheme,
     State,
+    copied_rows,
+    joined_rows,
     no_record,
 )
 from fenicsrom.online.step.step import FAILED, FULL, SMALLEST_STEP, march, step_coefficients

@@ -32,6 +32,7 @@ from fenicsrom.online.step.state import (
     Record,
     Scheme,
     State,
+    copied_rows,
     no_record,
     no_state,
 )
@@ -255,7 +256,7 @@ class PeriodMap(PeriodVariables):
             z=self.pack(state.q, state.v, state.a, state.contact.slider) - origin,
             matrix=found[:, : self.size],
             by_parameter=found[:, -1],
-            record=Record._make(array[:count].copy() for array in self._record),
+            record=copied_rows(self._record, count),
             guess=np.array([state.mean_velocity, state.mean_acceleration]),
             last_step=float(state.scalars[LAST_STEP]),
         )

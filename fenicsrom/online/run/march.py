@@ -58,6 +58,8 @@ from fenicsrom.online.step.state import (
     Record,
     Scheme,
     State,
+    copied_rows,
+    joined_rows,
     no_record,
     no_state,
     scheme,
@@ -98,19 +100,6 @@ class Instant(NamedTuple):
     probe: Array
     force: Array
     state: NDArray[np.int8]
-
-
-def copied_rows(record: Record, count: int) -> Record:
-    """The first rows of a record, copied."""
-    return Record._make(array[:count].copy() for array in record)
-
-
-def joined_rows(pieces: list[Record], counts: list[int]) -> Record:
-    """The first rows of several records, joined."""
-    return Record._make(
-        np.concatenate([array[:count] for array, count in zip(arrays, counts, strict=True)])
-        for arrays in zip(*pieces, strict=True)
-    )
 
 
 def last_coordinates(history: list[Record]) -> Array:

@@ -293,3 +293,16 @@ def no_record(
     """A record of zeros, of P contact points and coordinates (width,), at a speed that varies."""
     sizes = {"rows": rows, "P": points, "d": dimension, "width": width}
     return zeros(Record, turning=3 if varies else 0, **sizes)
+
+
+def copied_rows(record: Record, count: int) -> Record:
+    """The first rows of a record, copied."""
+    return Record._make(array[:count].copy() for array in record)
+
+
+def joined_rows(pieces: list[Record], counts: list[int]) -> Record:
+    """The first rows of several records, joined."""
+    return Record._make(
+        np.concatenate([array[:count] for array, count in zip(arrays, counts, strict=True)])
+        for arrays in zip(*pieces, strict=True)
+    )
