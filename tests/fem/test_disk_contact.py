@@ -13,7 +13,7 @@ pytest.importorskip("meshio")
 pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
-from fenicsrom import build_disk, build_solid, run, simulate
+from fenicsrom import build_disk, build_solid, run, run_disk, simulate
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.errors import ErrorKind
@@ -23,6 +23,7 @@ from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.fem.solid.wave import wave
 from fenicsrom.fem.solid.whole_disk import as_sectors, whole_scene
 from fenicsrom.online.motion.measures import contact_fractions, friction_dissipation_per_period
+from fenicsrom.online.store.scene_changes import Trained
 from fenicsrom.post.studies.disk_report import disk_report
 from fenicsrom.post.studies.disk_run_report import contacts, sentences
 from fenicsrom.study.analyses import nodal_diameters
@@ -239,3 +240,19 @@ def test_slides_past_the_next_point_are_told_once(tmp_path: Path) -> None:
     }
     found = run(sector_scene(tmp_path, shrouded(), force=6e5, **given), MPI.COMM_SELF)
     assert sum("slide by up to" in str(note) for note in found.warnings) == 1
+
+
+def test_disk_that_moves_longer_than_in_its_training_has_a_note(tmp_path: Path) -> None:
+    mesh = shrouded()
+    load = {"nearest": mesh[0][TIP, :2].tolist(), "direction": ACROSS[0, :2].tolist()}
+    given: dict[str, Any] = {
+        "loads": [load | {"force": 1e3, "pulse": {"duration": 1e-4}}],
+        "basis": {"modes": 4, "masters": "all"},
+        "time": {"duration": 4e-4, "step": 2e-5},
+        "output": {"pictures": False, "stresses": "none"},
+    }
+    disk = build_disk(sector_scene(tmp_path, mesh, **given))
+    trained = Trained((1e3,), (0.1,), amplitude=1.0, duration=4e-4, dissipation=0.0)
+    longer = replace(disk, trained=trained, file="disk.npz").with_overrides("time.duration=5e-4")
+    found = run_disk(longer)
+    assert any("the motion lasts 0.0005 s, and lasted 0.0004 s" in note for note in found.warnings)

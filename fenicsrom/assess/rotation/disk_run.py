@@ -35,7 +35,7 @@ from fenicsrom.online.step.state import Checkpoint
 from fenicsrom.online.stress.reactions import Peak, equilibrium_peak, largest_row, peak
 from fenicsrom.online.stress.stress import StressTable, deformation_at, extremes
 from fenicsrom.progress import working_time
-from fenicsrom.reduction.training import beyond, probe_amplitude, unsettled
+from fenicsrom.reduction.training import beyond, duration, probe_amplitude, unsettled
 from fenicsrom.scene.keys.schema import Scene
 from fenicsrom.words import brief, counted
 
@@ -237,7 +237,8 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
     found = DiskRun(disk=disk, model=model, mistuning=delta, motion=motion)
     found.unfinished, found.interrupted = unfinished, interrupted
     warnings = found.warnings
-    warnings += [*reduction_notes(disk), *beyond(disk.trained, scene, probe_amplitude(motion))]
+    warnings += reduction_notes(disk)
+    warnings += beyond(disk.trained, scene, probe_amplitude(motion), duration(motion))
     if not disk.file:
         warnings += unsettled(disk.trained, scene, motion)
     warnings += _implausible(disk, motion)
