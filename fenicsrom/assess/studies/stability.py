@@ -314,19 +314,20 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
 
 def _why_unsteady(motion: Motion, fine: Motion) -> str:
     """Why a motion does not repeat, from what Newton's method found in its run."""
-    told = [f"the motion does not repeat after {counted(motion.periods, 'period')}"]
+    reasons = [f"the motion does not repeat after {counted(motion.periods, 'period')}"]
     search = motion.search
-    if search is not None and search.verdict != "not found":
-        size = f"largest multiplier {abs(search.multipliers[0]):.5g}"
-        stays = f"the periodic motion is unstable ({search.verdict}, {size})"
-        if search.verdict == "stable":
-            stays = f"a stable periodic motion exists ({size}), but it is not reached"
-        told.append(stays)
+    if search is not None and search.verdict == "not found":
+        reasons.append("Newton's method found no periodic motion")
     elif search is not None:
-        told.append("Newton's method found no periodic motion")
+        size = f"largest multiplier {abs(search.multipliers[0]):.5g}"
+        reasons.append(
+            f"a stable periodic motion exists ({size}), but it is not reached"
+            if search.verdict == "stable"
+            else f"the periodic motion is unstable ({search.verdict}, {size})"
+        )
     if has_settled(fine):
-        told.append("with an eighth of the step it settles")
-    return "; ".join(told)
+        reasons.append("with an eighth of the step it settles")
+    return "; ".join(reasons)
 
 
 # ---------------------------------------------------------------------- all runs
