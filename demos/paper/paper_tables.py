@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from paper_cases import BODIES, LINEAR, Table, body, error, full, millimetres, scene, tried
 
-from fenicsrom.assess.errors.estimates import motion_errors
+from fenicsrom.assess.errors.agreement import motion_errors
 from fenicsrom.online.motion import measures
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.basis import build_basis, project_intrusively
