@@ -40,17 +40,10 @@ CURVES = ("response", "backbone")
 """Tables that may name loads by their numbers, which change with the static loads left out."""
 
 NOT_COPIED = (
-    *EXCLUDED,
-    *CURVES,
-    "damping",
-    "supports",
-    "loads",
-    "contacts",
-    "probe",
-    "output",
-    "title",
-    "units",
+    *(*EXCLUDED, *CURVES, "damping", "supports", "loads", "contacts", "probe", "output", "title"),
+    *("units", "source", "geometrically_nonlinear"),
 )
+"""What the scene of the exported file has in another form, or not at all."""
 PLACE_KEYS = ("group", "box", "plane", "node", "nearest", "at")
 
 
@@ -197,8 +190,7 @@ def import_scene(stored: StoredModel, nodes: list[dict[str, Any]], name: str) ->
     found |= {"loads": loads} if loads else {}
     found |= {"contacts": contacts} if contacts else {}
     found |= {"probe": {"group": "probe"}} if len(stored.model.probe) else {}
-    skipped = (*NOT_COPIED, "source", "geometrically_nonlinear")
-    found |= {key: value for key, value in table.items() if key not in skipped}
+    found |= {key: value for key, value in table.items() if key not in NOT_COPIED}
     lines = [
         f"{HEADING}{name}. To make a model of it:",
         f"#     fenicsrom import {name} --scene {Path(name).with_suffix('.toml').name}",

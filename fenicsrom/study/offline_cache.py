@@ -41,21 +41,9 @@ if TYPE_CHECKING:
 
 
 ONLINE_TABLES = (
-    "title",
-    "reference",
-    "output",
-    "compare",
-    "campbell",
-    "map",
-    "damping",
-    "response",
-    "backbone",
-    "ringdown",
-    "statics",
-    "loads",
-    "contacts",
-    "time",
-)
+    "title reference output compare campbell map damping response backbone ringdown statics loads "
+    "contacts time"
+).split()
 """Keys and tables that do not matter as such; `modes_table` and `model_table` add their parts."""
 
 
@@ -238,7 +226,9 @@ class OfflineCache:
         elif stage == self._last:
             self._write(1, _model_contents(self._run, self._warned))
         elif stage == RESIDUAL and not self._judged and self._run.study.judge is not None:
-            self._write(2, _judge_contents(self._run))
+            from fenicsrom.online.store.archive import model_contents
+
+            self._write(2, model_contents(self._run.study.judge))
 
     def _read(self, which: int, take: Callable[[Run, Any, Any], None]) -> bool:
         """Take the contents of an archive into the record; False if it is missing or damaged."""
@@ -361,13 +351,6 @@ def _read_model(run: Run, header: Any, arrays: Any) -> None:
         setattr(study, name, getattr(stored, name))
     study.warnings.extend(unpacked(kept["warnings"]))
     building.note_selection(study)
-
-
-def _judge_contents(run: Run) -> Contents:
-    """The archive of the larger model that has seen the residual."""
-    from fenicsrom.online.store.archive import model_contents
-
-    return model_contents(run.study.judge)
 
 
 def _read_judge(run: Run, header: Any, arrays: Any) -> None:

@@ -81,8 +81,7 @@ def test_too_few_harmonics_are_an_error_that_keeps_the_curve(
 
 
 @pytest.mark.parametrize(
-    ("key", "value"),
-    [("branches", "1"), ("isolated", "[0.15]"), ("full", "3")],
+    ("key", "value"), [("branches", "1"), ("isolated", "[0.15]"), ("full", "3")]
 )
 def test_what_the_balance_cannot_do_is_refused(key: str, value: str) -> None:
     assert uses_balance(scene_with(BALANCE))

@@ -27,17 +27,7 @@ from fenicsrom.online.store.scene_changes import Trained
 from fenicsrom.post.studies.disk_report import disk_report
 from fenicsrom.post.studies.disk_run_report import contacts, sentences
 from fenicsrom.study.analyses import nodal_diameters
-from tests.disks import (
-    CYCLIC,
-    PERIODS,
-    N,
-    extruded,
-    pushes,
-    scene_of,
-    shrouded,
-    spinning,
-    wedged,
-)
+from tests.disks import CYCLIC, PERIODS, N, extruded, pushes, scene_of, shrouded, spinning, wedged
 from tests.fem.test_disk_run import marched_alone
 from tests.support import refusal
 

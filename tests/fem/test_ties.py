@@ -175,11 +175,7 @@ def test_picture_of_the_setup_shows_a_tie(tmp_path: Path) -> None:
     ("kind", "key", "tables"),
     [
         (ErrorKind.CONFLICT, "ties[0].against", {"ties": [{"group": "a", "against": "a"}]}),
-        (
-            ErrorKind.PLACE,
-            "ties[0].against",
-            {"ties": [FAR]},
-        ),
+        (ErrorKind.PLACE, "ties[0].against", {"ties": [FAR]}),
         (
             ErrorKind.CONFLICT,
             "ties[0].against",

@@ -12,12 +12,7 @@ from support import excited_stiffness, harmonic, linear_model, no_contacts, peri
 from fenicsrom.online.curves import continuation
 from fenicsrom.online.curves.continuation import follow
 from fenicsrom.online.curves.curve import Curve, CurvePoint
-from fenicsrom.online.curves.events import (
-    _Planes,
-    outside,
-    turning_pairs,
-    unseen_points,
-)
+from fenicsrom.online.curves.events import _Planes, outside, turning_pairs, unseen_points
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.shooting import Shooting, frequency_family, periodic_motion
 

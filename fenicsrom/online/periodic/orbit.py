@@ -61,11 +61,7 @@ class Orbit(NamedTuple):
 def _duals(u: Vector, seeded: bool) -> Vector:
     """A vector with derivatives by its own components, or constants."""
     slope = 1.0 if seeded else 0.0
-    return (
-        Dual(u[0], slope, 0.0, 0.0),
-        Dual(u[1], 0.0, slope, 0.0),
-        Dual(u[2], 0.0, 0.0, slope),
-    )
+    return (Dual(u[0], slope, 0.0, 0.0), Dual(u[1], 0.0, slope, 0.0), Dual(u[2], 0.0, 0.0, slope))
 
 
 @part

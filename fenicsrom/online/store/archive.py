@@ -52,12 +52,7 @@ from fenicsrom.online.store.scene_changes import (
 )
 from fenicsrom.online.store.store import pack, unpack, without
 from fenicsrom.online.stress.reactions import ReactionTable, Recovery, reduced_modes
-from fenicsrom.online.stress.stress import (
-    Deformation,
-    StressLaw,
-    StressTable,
-    deformation_at,
-)
+from fenicsrom.online.stress.stress import Deformation, StressLaw, StressTable, deformation_at
 from fenicsrom.scene import Bolt, Overrides, Scene, parse_scene, scene_table
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import brief

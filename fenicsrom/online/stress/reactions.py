@@ -30,12 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.points import (
-    closed_springs,
-    contacts_of,
-    paired,
-    trial_forces,
-)
+from fenicsrom.online.contact.points import closed_springs, contacts_of, paired, trial_forces
 from fenicsrom.online.model.loads import factors
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.measures import has_contact

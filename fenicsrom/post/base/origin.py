@@ -38,7 +38,7 @@ MODEL = "reduced_model.npz"
 SHAPES = ("normal_modes", "static_modes", "derivatives", "equilibrium")
 TABLES = (
     *("response", "backbone", "equilibria", "campbell", "modes", "sweep", "comparison"),
-    *("stability", "disk"),
+    *("stability", "disk", "map", "ringdown"),
 )
 COMMIT = "FENICSROM_COMMIT"  # variable that names the commit where the checkout has no history
 RESULTS = (
@@ -49,35 +49,14 @@ RESULTS = (
     *(f"{name}.png" for name in NAMES),
     "motion.gif",
     # ParaView; the shapes are folders if several ranks wrote them
-    *(
-        "results.pvd",
-        "look.py",
-        "results",
-        "groups.vtu",
-        "disk.vtu",
-        "surface_[1-9]*",
-        "contact_points",
-        "motion",
-    ),
+    *("results.pvd", "look.py", "results", "groups.vtu", "disk.vtu", "surface_[1-9]*"),
+    *("contact_points", "motion"),
     *(f"{name}{suffix}" for name in SHAPES for suffix in ("", ".vtu")),
     # curves and studies
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json")),
     *("response_full.csv", "response_peaks.csv", "response_state", "motions", "motions.npz"),
-    "run_up.csv",
-    "wear.csv",
-    "joints.csv",
-    "runs",
-    "models",
-    "map.csv",
-    "map.json",
-    "map.h5",
-    "map_lines",
-    "map_wear.csv",
-    "ringdown.csv",
-    "ringdown.json",
-    "ringdown_decays",
-    "diameters.csv",
-    "contacts.csv",
+    *("run_up.csv", "wear.csv", "joints.csv", "diameters.csv", "contacts.csv", "runs", "models"),
+    *("map.h5", "map_lines", "map_wear.csv", "ringdown_decays"),
 )
 """Patterns of all names that the program gives to results, beside the copy of the mesh file."""
 

@@ -386,6 +386,11 @@ def millimetres(values: Sequence[float] | Array, digits: int = 5) -> list[str]:
     return [f"{1e3 * v:.{digits}g}" if abs(v) > NEGLIGIBLE * largest else "0" for v in values]
 
 
+def place_text(position: Sequence[float] | Array) -> str:
+    """A place as text, in m."""
+    return f"({', '.join(f'{x + 0.0:.4g}' for x in np.round(position, 9))})"
+
+
 def in_order(amplitude: Mapping[str, Any]) -> list[float]:
     """Amplitudes of `online.motion.measures.amplitudes`, in the order of the directions."""
     return [amplitude["normal"], *amplitude["tangential"]]

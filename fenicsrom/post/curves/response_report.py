@@ -237,9 +237,9 @@ def report(found: Response, clicked: Sequence[Detail] = ()) -> Report:
         clicked: what a click on a point of the curves shows.
     """
     keys, waves = 1 if found.table.families is None else 2, found.scene.cyclic is not None
-    peaks, full = response_tables.peaks_of(found), response_tables.full_of(found)
-    told = response_tables.check_quantities(found)
-    checks = response_tables.each(found, lambda curve: curve.checks, told)
+    each, peaks = partial(response_tables.each, found), response_tables.peaks_of(found)
+    full = each(lambda curve: curve.full, response_tables.full_quantities(found))
+    checks = each(lambda curve: curve.checks, response_tables.check_quantities(found))
     more = {"response_full.csv": rows_of(*full), "response_peaks.csv": rows_of(*peaks)}
     draw = partial(response_figures.figure, found, clicked)
     pictures = [Picture("Response curves", "response.png", draw, CURVES_NOTE, NUMBERS)]

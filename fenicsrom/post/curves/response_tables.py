@@ -351,11 +351,6 @@ def event_table(found: results.Response) -> list[list[Any]]:
     return table_of(*each(found, lambda curve: curve.special, shown))
 
 
-def full_of(found: results.Response) -> tuple[list[Told], list[Quantity]]:
-    """The motions of the full model of all curves; none without `full`."""
-    return each(found, lambda curve: curve.full, full_quantities(found))
-
-
 def full_quantities(found: results.Response) -> list[Quantity]:
     """What is told of a motion of the full model beside that of the reduced model."""
     names, shown = directions(found), f"{direction_name(found)} amplitude, mm"

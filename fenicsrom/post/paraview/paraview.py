@@ -249,11 +249,7 @@ def contact_places(points: ContactPoints) -> Array:
 
 
 def contact_vectors(
-    scene: Scene,
-    points: ContactPoints,
-    motion: Motion,
-    rows: Any,
-    contacts: Contacts | None = None,
+    scene: Scene, points: ContactPoints, motion: Motion, rows: Any, contacts: Contacts | None = None
 ) -> tuple[Array, Array, Array]:
     """Positions of the contact points and contact forces on the body, in global axes.
 

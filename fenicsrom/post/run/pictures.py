@@ -18,6 +18,7 @@ from fenicsrom.online.stress.stress import StressTable, von_mises
 from fenicsrom.post.base.page import Page
 from fenicsrom.post.base.picture import Drawn, Picture, draw_pictures, not_drawn, softly
 from fenicsrom.post.base.plot import Plot
+from fenicsrom.post.base.tables import place_text
 from fenicsrom.post.body import body_figures, body_view
 from fenicsrom.post.body import turning_view as turning
 from fenicsrom.post.paraview import paraview
@@ -260,9 +261,8 @@ def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
         measure: the stress, one of `fenicsrom.online.stress.stress.MEASURES`.
     """
     when = "" if peak.time is None else f", t = {peak.time:.6g} s"
-    place = ", ".join(f"{x:.4g}" for x in peak.position)
-    title = f"{peak.state}{when}: {1e-6 * peak.von_mises:.4g} MPa at ({place}) m"
-
+    place = place_text(peak.position)
+    title = f"{peak.state}{when}: {1e-6 * peak.von_mises:.4g} MPa at {place} m"
     state = stress_state(table, peak, measure)
 
     def draw() -> Plot:

@@ -68,11 +68,6 @@ def agreement_rows(found: ModeAgreement) -> list[list[Any]]:
     return tables.table_of(row(i, j) for i, j in enumerate(found.partners))
 
 
-def agreement_summary(found: ModeAgreement) -> dict[str, Any]:
-    """The frequencies and the MAC for `summary.json`."""
-    return {"full_Hz": found.full_hz, "reduced_Hz": found.reduced_hz, "mac": found.mac}
-
-
 def agreement_sentence(found: ModeAgreement) -> str:
     """State how many modes of the full model the reduced model has, counted from the lowest."""
     same = [found.mac[i, j] >= SAME for i, j in enumerate(found.partners)]
@@ -147,7 +142,7 @@ def stress_quantities(peaks: Sequence[Peak]) -> list[tables.Quantity]:
         tables.Quantity("state", head="mode" if modal else "state"),
         tables.Quantity("frequency_Hz", "frequency", "frequency, Hz") if modal else when,
         tables.Quantity(f"von_mises_{unit}", "von_mises", f"von Mises, {shown}", 4),
-        tables.Quantity("", lambda peak: place_text(peak.position), "at, m"),
+        tables.Quantity("", lambda peak: tables.place_text(peak.position), "at, m"),
         tables.Quantity("", principal, f"principal, {shown}"),
         *tables.components("{}_m", "position", axes),
         *tables.components(f"principal_{{}}_{unit}", "principal", "123"[: peaks[0].principal.size]),
@@ -257,11 +252,6 @@ def reaction_note(stresses: Stresses) -> str:
     )
 
 
-def place_text(position: Array) -> str:
-    """A place as text, in m."""
-    return f"({', '.join(f'{x + 0.0:.4g}' for x in np.round(position, 9))})"
-
-
 def _without_rounding(values: Array) -> list[str]:
     """The numbers of a row as text; numbers below `ROUNDING` of the largest number are zero."""
     small = np.abs(values) < ROUNDING * np.abs(values).max(initial=0.0)
@@ -349,8 +339,9 @@ def _of_stages(study: Study) -> dict[str, Any]:
         first, stuck = study.contact_hz.T
         name = "closed_points_stuck" if study.scene.joined else "free"
         found["contact_frequencies_Hz"] = {name: first, "stuck": stuck}
-    if study.agreement is not None:
-        found["modes"] = agreement_summary(study.agreement)
+    if (agreed := study.agreement) is not None:
+        hertz = {"full_Hz": agreed.full_hz, "reduced_Hz": agreed.reduced_hz}
+        found["modes"] = {**hertz, "mac": agreed.mac}
     if study.deflection is not None:
         found["equilibrium"] = {
             "displacement_m": study.deflection,

@@ -60,18 +60,8 @@ WRITTEN = 2
 """Number of modes of each nodal diameter in the ParaView file."""
 
 
-def wave_table(found: Campbell) -> list[list[Any]]:
-    """Frequencies by nodal diameter at the last speed; the first row is the header."""
-    return _by_diameter(found, found.frequencies_hz[-1], "")
-
-
-def open_table(found: Campbell) -> list[list[Any]]:
-    """The same without the contacts between sectors; nothing without such contacts."""
-    squares = found.open_squares
-    return [] if squares is None else _by_diameter(found, hertz(squares), "open, ")
-
-
-def _by_diameter(found: Campbell, values: Array, state: str) -> list[list[Any]]:
+def wave_table(found: Campbell, values: Array, state: str = "") -> list[list[Any]]:
+    """Frequencies (w,) of the waves by nodal diameter; the heads name the state of contacts."""
     rows: dict[int, list[Any]] = {wave.diameter: [wave.diameter] for wave in found.waves}
     for k in np.argsort(values, kind="stable"):
         wave = found.waves[k]
@@ -284,23 +274,24 @@ def disk_report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         "Interference diagram", "interference.png", lambda: interference_figure(found)
     )
     over_speed = Picture("Campbell diagram", "campbell.png", lambda: speed_figure(found))
+    opened = None if found.open_squares is None else hertz(found.open_squares)
     facts = summary(found) | {
         "sectors": found.waves[0].sectors,
-        "frequencies_without_contact_between_sectors_Hz": None
-        if found.open_squares is None
-        else hertz(found.open_squares),
+        "frequencies_without_contact_between_sectors_Hz": opened,
         "nodal_diameters": [wave.diameter for wave in found.waves],
         "mode_numbers": [wave.number for wave in found.waves],
         "directions": [wave.direction for wave in found.waves],
     }
+    by_diameter = wave_table(found, found.frequencies_hz[-1])
+    open_table = [] if opened is None else wave_table(found, opened, "open, ")
     at_one_speed = Report(
         "modes",
         "Modes of a disk",
         found,
         [line for line in lines if line],
         [
-            Section("Frequencies by nodal diameter", [wave_table(found)]),
-            Section("Frequencies with open contacts between sectors", [open_table(found)]),
+            Section("Frequencies by nodal diameter", [by_diameter]),
+            Section("Frequencies with open contacts between sectors", [open_table]),
             Section(
                 "Critical speeds", [table_of(found.critical, critical_quantities(found))], keys=2
             ),

@@ -13,7 +13,7 @@ from fenicsrom.formats.mesh_file import AXES, Physics
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.post.base.picture import Picture, softly
 from fenicsrom.post.base.style import missing_module
-from fenicsrom.post.base.tables import table_of, text_table, write_text
+from fenicsrom.post.base.tables import place_text, table_of, text_table, write_text
 from fenicsrom.post.body.group_drawing import group_figure, group_page
 from fenicsrom.post.studies.starter import units_of
 from fenicsrom.words import counted
@@ -49,7 +49,7 @@ def lines(found: Inspection, density: float | None) -> list[str]:
             per = "" if d == 3 else " for each metre of thickness"
             text.append(f"mass    {density * found.volume:.6g} kg{per}, with {density:g} kg/m³")
         text.append(
-            f"quality {found.quality:.3g} at worst (1: equal sides), at {_point(found.worst)}"
+            f"quality {found.quality:.3g} at worst (1: equal sides), at {place_text(found.worst)}"
         )
         text.append(f"curved  geometry.curved = true {found.curved}")
     if found.pieces > 1:
@@ -70,8 +70,8 @@ def _group_row(group: Group, d: int) -> dict[str, str]:
         "number": str(group.number),
         "size": "" if group.size is None else f"{group.size:.4g}",
         "": "" if group.size is None else MEASURES[group.kind, d],
-        "from": _point(group.low),
-        "to": _point(group.high),
+        "from": place_text(group.low),
+        "to": place_text(group.high),
     }
 
 
@@ -84,7 +84,7 @@ def _physics_lines(physics: Physics) -> list[str]:
         if material.young is not None
     ]
     parts += [
-        f"support {place if isinstance(place, str) else f'at {_point(np.array(place))}'} "
+        f"support {place if isinstance(place, str) else f'at {place_text(place)}'} "
         f"({', '.join(AXES[k] for k in held)})"
         for place, held in physics.supports
     ]
@@ -111,10 +111,6 @@ def scale_hint(found: Inspection) -> str:
 
 def _box(low: Array, high: Array) -> str:
     return " × ".join(f"{a:.6g} to {b:.6g}" for a, b in zip(low, high, strict=True))
-
-
-def _point(place: Array) -> str:
-    return f"({', '.join(f'{round(value, 9) + 0.0:.4g}' for value in place)})"
 
 
 def group_picture(found: Inspection) -> Picture:

@@ -15,14 +15,7 @@ from pathlib import Path
 from typing import Annotated
 
 from fenicsrom.scene.base import rules
-from fenicsrom.scene.base.rules import (
-    choice,
-    either,
-    flag,
-    integer,
-    list_of,
-    number,
-)
+from fenicsrom.scene.base.rules import choice, either, flag, integer, list_of, number
 from fenicsrom.scene.base.tables import table_of, tables_of
 from fenicsrom.scene.keys import places
 from fenicsrom.scene.keys.contacts import Bolt, Contact, Tie, surface_spin

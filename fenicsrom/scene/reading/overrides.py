@@ -22,13 +22,7 @@ from typing import Any
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene.base.rules import Rule, Where, is_number, is_sequence, show
-from fenicsrom.scene.base.tables import (
-    keys,
-    plain,
-    table_kind,
-    toml_value,
-    without_alternatives,
-)
+from fenicsrom.scene.base.tables import keys, plain, table_kind, toml_value, without_alternatives
 from fenicsrom.scene.keys.loads import Load
 from fenicsrom.scene.keys.schema import Scene
 from fenicsrom.scene.keys.times import Time

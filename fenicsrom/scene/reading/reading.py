@@ -21,13 +21,7 @@ from typing import Any
 
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base.rules import Where, is_sequence, read_rows, show
-from fenicsrom.scene.base.tables import (
-    plain,
-    read_table,
-    require_none,
-    toml_value,
-    value_at,
-)
+from fenicsrom.scene.base.tables import plain, read_table, require_none, toml_value, value_at
 from fenicsrom.scene.checks.checks import default_masters, problems, step_problems
 from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.contacts import Contact

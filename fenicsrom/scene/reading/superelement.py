@@ -22,20 +22,9 @@ LARGEST_NUMBER = 2_000_000_000
 """Largest number of a coordinate or of a node."""
 
 EXCLUDED = (
-    "geometry",
-    "material",
-    "materials",
-    "attachments",
-    "bolts",
-    "ties",
-    "rotation",
-    "basis",
-    "reference",
-    "compare",
-    "campbell",
-    "map",
-    "statics",
-)
+    "geometry material materials attachments bolts ties rotation basis reference compare campbell "
+    "map statics"
+).split()
 """Tables that describe a body with a mesh, or that need the matrices of the body at every speed."""
 
 SUPPORTED = "supports of the superelement"
