@@ -482,8 +482,10 @@ needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpi
 
 
 @contextmanager
-def refusal(kind: ErrorKind, key: str = "", file: str = "", names: str = "") -> Iterator[None]:
-    """Expect a `SceneError` in one line.
+def refusal(
+    kind: ErrorKind, key: str = "", file: str = "", names: str = ""
+) -> Iterator[pytest.ExceptionInfo[SceneError]]:
+    """Expect a `SceneError` in one line; the body may look at it afterwards.
 
     Args:
         kind: its kind.
@@ -492,7 +494,7 @@ def refusal(kind: ErrorKind, key: str = "", file: str = "", names: str = "") -> 
         names: text that its message contains, such as a name that stands in the file.
     """
     with pytest.raises(SceneError) as caught:
-        yield
+        yield caught
     error = caught.value
     assert (error.kind, error.key) == (kind, key), error
     assert not file or (Path(error.source).name == file and error.source in str(error))

@@ -169,20 +169,6 @@ def test_coarse_mesh_and_long_steps_are_compared_with_the_full_model_of_the_scen
     ]
 
 
-@pytest.mark.parametrize(
-    ("override", "key"),
-    [
-        ('compare.meshes=["material.young=1.0"]', "meshes[0]"),
-        ("compare.modes=[1,1]", "modes[1]"),
-        ('compare.methods=["guyan"]', "methods[0]"),
-    ],
-)
-def test_wrong_compare_table_is_refused_with_its_key(override, key):
-    with pytest.raises(SceneError) as refusal:
-        beam_scene(overrides=(override,))
-    assert refusal.value.key == f"compare.{key}"
-
-
 def test_motion_that_does_not_repeat_leaves_a_doubt():
     scene = beam_scene()
     moved = SimpleNamespace(period=1.0, steady=False)

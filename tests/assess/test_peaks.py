@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support import beam_scene, heard, linear_model
-from test_response import scene_with
 
 from fenicsrom.assess.curves.peaks import largest_peaks
 from fenicsrom.assess.curves.response import response
 from fenicsrom.assess.curves.results import Response
-from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.post.reports import report
@@ -133,30 +131,3 @@ def test_resumed_peaks_are_the_uninterrupted_ones(found: Response, tmp_path: Pat
     pairs = zip(*(largest_peaks(one.curves[0].peaks) for one in (again, found)), strict=True)
     for mine, its in pairs:
         assert (mine.value, mine.amplitude) == (its.value, its.amplitude)
-
-
-@pytest.mark.parametrize(
-    ("override", "key", "kind"),
-    [
-        ('response.peak_over="loads.0.force"', "response.peak_over", ErrorKind.RANGE),
-        ('response.peak_over="contacts.0.preload"', "response.peak_over", ErrorKind.RANGE),
-        ("response.peak_over=3", "response.peak_over", ErrorKind.TYPE),
-        ("response.peak_range=[1.0, 2.0]", "response.peak_range", ErrorKind.CONFLICT),
-        (
-            'response={first=0.1, last=0.2, peak_over="material.mass_damping", '
-            "peak_range=[1.0, 2.0]}",
-            "response.peak_range",
-            ErrorKind.RANGE,
-        ),
-        (
-            'response={first=0.1, last=0.2, parameter="loads.0.force", '
-            'peak_over="material.mass_damping"}',
-            "response.peak_over",
-            ErrorKind.CONFLICT,
-        ),
-    ],
-)
-def test_wrong_peak_is_refused_with_its_key(override: str, key: str, kind: ErrorKind) -> None:
-    with pytest.raises(SceneError) as caught:
-        scene_with(override)
-    assert (caught.value.key, caught.value.kind) == (key, kind)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_response import HIGH, fold_frequencies, oscillator, scene_with
+from test_response import HIGH, fold_frequencies, oscillator
 
 from fenicsrom.assess.curves import pieces, trust
 from fenicsrom.assess.curves.pieces import CurveWalk
@@ -21,7 +21,7 @@ from fenicsrom.assess.curves.stability_search import EXTRA
 from fenicsrom.assess.curves.trust import BETWEEN, LARGEST, SHARE, SPREAD, richer_model, spread
 from fenicsrom.assess.errors.verdicts import TIME_ERROR, in_percent
 from fenicsrom.cli import main
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import ConvergenceError
 from fenicsrom.notes import AMPLITUDES, NoteKind
 from fenicsrom.online.curves.curve import CurvePoint, Piece
 from fenicsrom.online.model.model import reduced_model
@@ -148,13 +148,6 @@ def test_second_branch_is_followed_after_an_interrupt(
     allowed = 9
     CurveWalk.branches(walk)
     assert [part.points[1].s[1] for part in parts[1:]] == [1.0, -1.0]
-
-
-@pytest.mark.parametrize("value", [0.5 * INSIDE, 2.0 * HIGH])
-def test_isolated_value_outside_of_the_range_is_refused(value: float) -> None:
-    with pytest.raises(SceneError) as caught:
-        scene_with(f"response.isolated=[{value}]")
-    assert (caught.value.key, caught.value.kind) == ("response.isolated", ErrorKind.RANGE)
 
 
 def curve_at(steps: int, richer: bool = False) -> ResponseCurve:

@@ -19,7 +19,6 @@ from support import (
     make_solid,
     random_directions,
     random_field,
-    refusal,
     scene_of,
 )
 
@@ -390,25 +389,3 @@ def test_full_model_moves_as_the_reduced_model_of_all_unknowns() -> None:
 
 
 # ------------------------------------------------------------------ input
-
-
-@pytest.mark.parametrize(
-    ("changes", "key"),
-    [
-        ({"geometrically_nonlinear": False}, "loads[0].follower"),
-        ({"basis": {"elastic_force": "projection"}}, "loads[0].follower"),
-        ({"output": {"stresses": "cauchy"}}, "output.stresses"),
-    ],
-)
-def test_scene_that_excludes_a_follower_pressure_is_refused(
-    changes: dict[str, Any], key: str
-) -> None:
-    load = {"group": "tip", "pressure": 1e5, "follower": True, "frequency": 3.0}
-    with refusal(ErrorKind.CONFLICT, key):
-        beam_scene(2, STOCKY, contacts=None, loads=[load], **changes)
-
-
-def test_only_a_pressure_follows() -> None:
-    load = {"group": "tip", "traction": 1e5, "direction": [1.0, 0.0], "follower": True}
-    with refusal(ErrorKind.CONFLICT, "loads[0].follower"):
-        beam_scene(2, STOCKY, contacts=None, loads=[load])

@@ -225,35 +225,6 @@ def test_tip_of_pressed_blade_converges_with_the_mesh() -> None:
 DOWN = [0.0, -1.0]
 
 
-def refused(load: dict[str, Any], **tables: Any) -> tuple[ErrorKind, str]:
-    with pytest.raises(SceneError) as caught:
-        beam_scene(2, loads=[load], contacts=None, **tables)
-    return caught.value.kind, caught.value.key
-
-
-@pytest.mark.parametrize(
-    ("load", "kind", "key"),
-    [
-        ({"group": "tip", "direction": DOWN}, ErrorKind.MISSING, "force"),
-        ({"node": [1.0, 0.0], "pressure": 1.0}, ErrorKind.CONFLICT, "node"),
-        (
-            {"group": "tip", "direction": DOWN, "traction": 1.0, "acceleration": 9.81},
-            ErrorKind.CONFLICT,
-            "acceleration",
-        ),
-    ],
-)
-def test_mistake_in_load_is_refused_with_kind_and_key(
-    load: dict[str, Any], kind: ErrorKind, key: str
-) -> None:
-    assert refused(load, probe={"group": "tip"}) == (kind, f"loads[0].{key}")
-
-
-def test_weight_alone_without_probe_is_refused() -> None:
-    found = refused({"direction": DOWN, "acceleration": 9.81})
-    assert found == (ErrorKind.MISSING, "probe")
-
-
 def test_pressure_on_facets_inside_the_body_is_refused() -> None:
     with refusal(ErrorKind.PLACE, "loads[0].pressure"):
         beam(2, {"group": "load", "pressure": 5.0})

@@ -357,23 +357,6 @@ def test_turned_body_has_the_frequencies_of_the_turned_material(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("changes", "kind", "key"),
-    [
-        ({"poisson": 0.3}, ErrorKind.CONFLICT, "material.poisson"),
-        ({"shear": None}, ErrorKind.MISSING, "material.shear"),
-        ({"poisson": [0.3, 0.9, 1.02]}, ErrorKind.RANGE, "material.poisson"),
-        ({"axes": [[1.0, 0.0, 0.0]]}, ErrorKind.CONFLICT, "material.axes[0]"),
-    ],
-)
-def test_constants_that_do_not_agree_are_refused(
-    changes: dict[str, Any], kind: ErrorKind, key: str
-) -> None:
-    material = {name: value for name, value in (LAMINA | changes).items() if value is not None}
-    with refusal(kind, key):
-        beam_scene(2, material=material)
-
-
-@pytest.mark.parametrize(
     ("materials", "kind", "key"),
     [
         ([{"group": "both"}, {"group": "right"}], ErrorKind.CONFLICT, "materials[1].group"),

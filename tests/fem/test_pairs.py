@@ -15,7 +15,7 @@ from support import refusal
 
 import fenicsrom as fr
 from fenicsrom.assess.curves.response_problem import scenes_of_curves
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.exchange.deck import scene_deck
 from fenicsrom.fem.body import pairs
 from fenicsrom.fem.body.stress_points import stress_table
@@ -365,30 +365,6 @@ def test_region_inside_of_a_body_touches_nothing() -> None:
     load = {"group": "tip", "direction": [0, 1], "force": 1.0, "frequency": 1.0}
     with refusal(ErrorKind.PLACE, "contacts[0].group", names="inside"):
         solid(scene_of(Path("beam2d.geo"), 2, pair, supports=[{"group": "root"}], loads=[load]))
-
-
-@pytest.mark.parametrize(
-    ("change", "key"),
-    [
-        ({"basis": {"masters": 5}}, "basis.masters"),
-        ({"basis": {"method": "craig-bampton"}}, "basis.method"),
-        ({"basis": {"derivatives": "mmi"}}, "basis.derivatives"),
-        ({"basis": {"elastic_force": "projection"}}, "basis.elastic_force"),
-        ({"time": {"tolerance": 1e-4, "periods": 1}}, "time.tolerance"),
-        ({"contacts": []}, "bolts"),
-        (
-            {"contacts": [PAIR, {**PAIR, "group": "lower", "against": "upper"}]},
-            "contacts[1].against",
-        ),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
-def test_scene_that_contacts_between_bodies_exclude_names_the_key(
-    change: dict[str, Any], key: str
-) -> None:
-    with pytest.raises(SceneError) as caught:
-        lap(**change)
-    assert caught.value.key == key
 
 
 @pytest.mark.parametrize(

@@ -236,23 +236,9 @@ def test_tangent_and_mass_are_those_of_the_projected_unknowns() -> None:
     np.testing.assert_allclose(solid.mass_times(held), solid.mass_times(x), atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("supports", "kind", "key"),
-    [
-        ([{"group": "root", "normal": [1.0, 0.1]}], ErrorKind.SUPPORT, "supports"),
-        (
-            [{"group": "root", "normal": [1.0, 0.0], "components": ["y"]}],
-            ErrorKind.CONFLICT,
-            "supports[0].normal",
-        ),
-    ],
-    ids=["slides", "components"],
-)
-def test_bad_slanted_support_is_refused(
-    supports: list[dict[str, Any]], kind: ErrorKind, key: str
-) -> None:
-    with refusal(kind, key):
-        turned(0.0, supports)
+def test_body_that_slides_on_a_slanted_support_is_refused() -> None:
+    with refusal(ErrorKind.SUPPORT, "supports"):
+        turned(0.0, [{"group": "root", "normal": [1.0, 0.1]}])
 
 
 def test_contact_point_on_a_slanted_roller_is_refused() -> None:

@@ -336,43 +336,7 @@ def whole(keys: str) -> str:
     return f"loads=[{{group='load', direction=[0.0, 1.0], force=100, {keys}}}]"
 
 
-@pytest.mark.parametrize(
-    ("overrides", "kind", "key"),
-    [
-        (["loads.0.table=[[0, 1], [0, 2]]"], ErrorKind.RANGE, "table[1]"),
-        (["loads.0.table=[[0, 1], 3]"], ErrorKind.TYPE, "table[1]"),
-        ([HARMONIC, "loads.0.harmonics=[[0, 1, 0]]"], ErrorKind.RANGE, "harmonics[0][0]"),
-        ([HARMONIC, "loads.0.harmonics=[[1, 1]]"], ErrorKind.TYPE, "harmonics[0]"),
-        (["loads.0.sweep={to=3, duration=1}"], ErrorKind.MISSING, "frequency"),
-        ([HARMONIC, "loads.0.sweep={to=3}"], ErrorKind.MISSING, "sweep.duration"),
-        ([HARMONIC, *TWICE, "loads.0.phase=1"], ErrorKind.CONFLICT, "phase"),
-        ([whole("frequency=2.0, pulse={duration=1}")], ErrorKind.CONFLICT, "frequency"),
-        (["loads.0.pulse={duration=0}"], ErrorKind.RANGE, "pulse.duration"),
-        ([whole("traction=1")], ErrorKind.CONFLICT, "traction"),
-    ],
-)
-def test_mistake_in_history_is_refused_with_kind_and_key(
-    overrides: list[str], kind: ErrorKind, key: str
-) -> None:
-    assert refused(*overrides, TIME) == (kind, f"loads[0].{key}")
-
-
 SWEEP = [HARMONIC, "loads.0.sweep={to=8.0, duration=1}"]
-
-
-@pytest.mark.parametrize(
-    ("overrides", "kind", "key"),
-    [
-        ([*SWEEP, "time.periods=3"], ErrorKind.CONFLICT, "time.periods"),
-        (SWEEP, ErrorKind.MISSING, "time.duration"),
-        ([*SWEEP, "time={duration=1.0, step=0.1}"], ErrorKind.CONFLICT, "time.step"),
-        (["time.step=0.1"], ErrorKind.MISSING, "time.duration"),
-    ],
-)
-def test_mistake_in_time_table_is_refused_with_kind_and_key(
-    overrides: list[str], kind: ErrorKind, key: str
-) -> None:
-    assert refused(*overrides) == (kind, key)
 
 
 def test_stored_model_changes_history_and_refuses_new_direction() -> None:

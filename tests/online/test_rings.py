@@ -102,25 +102,3 @@ def test_trace_of_one_point_needs_a_width() -> None:
     points = points_of(scene, [0], np.zeros(1), np.zeros(1))
     with refusal(ErrorKind.MISSING, "contacts[0].abradable.width"):
         contacts_of(scene, points)
-
-
-@pytest.mark.parametrize(
-    ("changes", "kind", "key"),
-    [
-        ({"contacts.0.preload": 1.0}, ErrorKind.CONFLICT, "contacts[0].preload"),
-        ({"time.scheme": "generalised-alpha"}, ErrorKind.CONFLICT, "time.scheme"),
-        ({"contacts.0.surface.spin": 7.0}, ErrorKind.RANGE, "contacts[0].abradable"),
-        ({"response.first": 3.0, "response.last": 4.0}, ErrorKind.CONFLICT, "response"),
-    ],
-)
-def test_mistake_about_a_layer_names_kind_and_key(
-    changes: dict[str, Any], kind: ErrorKind, key: str
-) -> None:
-    texts = tuple(
-        f'{name}="{value}"' if isinstance(value, str) else f"{name}={value}"
-        for name, value in changes.items()
-    )
-    contact = CONTACT | {"surface": CASING, "abradable": LAYER}
-    beam_scene(3, contacts=[contact])
-    with refusal(kind, key):
-        beam_scene(3, texts, contacts=[contact])

@@ -200,15 +200,3 @@ def test_archive_without_stresses_has_no_tables(stored: StoredModel, tmp_path: P
     with read_archive(path, "a model", FORMAT) as (_, arrays):
         assert not any(name.startswith("tables") for name in arrays)
     assert load_model(path).recovery is None
-
-
-@pytest.mark.parametrize(
-    ("override", "kind", "key"),
-    [
-        ("output.stresses='piola'", ErrorKind.RANGE, "output.stresses"),
-        ("output.stresses=true", ErrorKind.TYPE, "output.stresses"),
-    ],
-)
-def test_stress_keys_are_checked(override: str, kind: ErrorKind, key: str) -> None:
-    with refusal(kind, key):
-        scene_with(override)

@@ -10,9 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
-from support import assert_tangent, beam_scene, linear_model, no_contacts, refusal
+from support import assert_tangent, beam_scene, linear_model, no_contacts
 
-from fenicsrom.errors import ErrorKind
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.kernels.numbers import STEP
 from fenicsrom.online.model.loads import (
@@ -190,24 +189,3 @@ def test_response_over_the_frequency_keeps_what_is_given(key: str) -> None:
         lambda x: family(float(x[0])).varied.model.load_histories.sines[0, :2, None].imag / STEP,
         np.array([4.5]),
     )
-
-
-@pytest.mark.parametrize(
-    ("load", "tables", "kind", "key"),
-    [
-        ({"support_acceleration": 1.0}, {}, ErrorKind.CONFLICT, "support_acceleration"),
-        ({"support_displacement": 1.0}, {}, ErrorKind.CONFLICT, "support_displacement"),
-        (
-            {"support_displacement": 1.0, "frequency": 3.2},
-            {"rotation": {"speed_rpm": 60.0}},
-            ErrorKind.CONFLICT,
-            "support_displacement",
-        ),
-    ],
-    ids=["static", "static displacement", "rotation"],
-)
-def test_support_motion_that_is_not_possible_is_refused(
-    load: dict[str, Any], tables: dict[str, Any], kind: ErrorKind, key: str
-) -> None:
-    with refusal(kind, f"loads[0].{key}"):
-        beam_scene(2, loads=[{"direction": [0.0, 1.0], **load}], **tables)

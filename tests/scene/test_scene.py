@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support import refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import (
@@ -274,10 +275,8 @@ def test_overrides_replace_values_and_make_tables() -> None:
     ],
 )
 def test_override_without_place_or_value_is_refused(override: str) -> None:
-    with pytest.raises(SceneError) as caught:
+    with refusal(ErrorKind.FORMAT, override.partition("=")[0], names="s.toml: override "):
         parse(RUBBING, override)
-    assert (caught.value.kind, caught.value.key) == (ErrorKind.FORMAT, override.partition("=")[0])
-    assert str(caught.value).startswith("s.toml: override ")
 
 
 def test_override_of_time_removes_what_it_excludes() -> None:
@@ -464,9 +463,8 @@ def test_waves_of_turning_surface_repeat_in_the_period_of_the_loads(
     if key is None:
         require_repeating(scene)
     else:
-        with pytest.raises(SceneError) as caught:
+        with refusal(ErrorKind.RANGE, key):
             require_repeating(scene)
-        assert (caught.value.kind, caught.value.key) == (ErrorKind.RANGE, key)
 
 
 TURNING = "rotation={speed_rpm=3000.0, point=[0, 0]}"
@@ -522,9 +520,8 @@ def test_cylinder_in_3d_needs_axis_and_sphere_has_no_waves() -> None:
         ),
     ):
         table["contacts"][0]["surface"] = surface | more
-        with pytest.raises(SceneError) as caught:
+        with refusal(kind, f"contacts[0].surface.{name}"):
             parse_scene(table, "s.toml", None)
-        assert (caught.value.kind, caught.value.key) == (kind, f"contacts[0].surface.{name}")
 
 
 REQUIRED = ["geometry", "geometry.dimension", "geometry.thickness", "material.young", "supports"]
@@ -540,16 +537,14 @@ def test_missing_required_key_is_named(key: str) -> None:
         branch = branch[name]
     del branch[last]
     shown = key.replace(".0", "[0]")
-    with pytest.raises(SceneError) as caught:
+    with refusal(ErrorKind.MISSING, shown):
         parse_scene(table, "s.toml", None)
-    assert (caught.value.kind, caught.value.key) == (ErrorKind.MISSING, shown)
 
 
 def test_missing_mesh_names_the_folders(tmp_path: Path) -> None:
     for name in ("none.geo", "/none.geo", f"{'x' * 5000}.geo"):
-        with pytest.raises(SceneError) as caught:
+        with refusal(ErrorKind.FILE, "geometry.mesh") as caught:
             parse(RUBBING, f'geometry.mesh="{name}"', folder=tmp_path)
-        assert (caught.value.kind, caught.value.key) == (ErrorKind.FILE, "geometry.mesh")
         assert (str(tmp_path) in str(caught.value)) != name.startswith("/")
 
 
@@ -590,9 +585,8 @@ def test_load_keys_choose_action_and_history() -> None:
     series = load.changed(harmonics=[[3, 1.0, 0.0]])
     assert shortest_period(series) == 1.0 / 6.0
     assert shortest_period(series.changed(frequency=1.0)) == 1.0 / 3.0  # the harmonics stay
-    with pytest.raises(SceneError) as caught:
+    with refusal(ErrorKind.CONFLICT, "direction"):
         Load.of(group="tip", pressure=1.0, direction=[0, 1])
-    assert (caught.value.kind, caught.value.key) == (ErrorKind.CONFLICT, "direction")
 
 
 def test_zero_phase_of_old_files_is_ignored() -> None:
@@ -611,9 +605,8 @@ def test_scene_made_in_python_equals_scene_from_file() -> None:
     }
     assert make_scene(**(table | made)) == expected
     made["material"] = dataclasses.replace(expected.material, young=-1.0)
-    with pytest.raises(SceneError) as caught:
+    with refusal(ErrorKind.RANGE, "material.young"):
         make_scene(**(table | made))
-    assert (caught.value.kind, caught.value.key) == (ErrorKind.RANGE, "material.young")
 
 
 # JSON schema and reference
@@ -928,9 +921,8 @@ def test_frequency_that_is_almost_a_multiple_is_refused() -> None:
         if allowed:
             assert parse_scene(table, "test", None).period == 1.0 / first["frequency"]
             continue
-        with pytest.raises(SceneError) as caught:
+        with refusal(ErrorKind.CONFLICT, "loads[1].frequency"):
             parse_scene(table, "test", None)
-        assert (caught.value.kind, caught.value.key) == (ErrorKind.CONFLICT, "loads[1].frequency")
 
 
 def test_toml_text_holds_every_kind_of_value() -> None:
