@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from disks import bladed, scene_of
 
 pytest.importorskip("meshio")
 pytest.importorskip("dolfinx")
@@ -24,7 +25,7 @@ from fenicsrom.notes import NoteKind
 from fenicsrom.post.studies.starter import starter_scene
 from fenicsrom.scene import parse_scene
 
-HEXAHEDRON = 5
+QUADRILATERAL, HEXAHEDRON = 3, 5
 
 
 def grid(n: tuple[int, int, int]) -> tuple[Any, Any]:
@@ -43,9 +44,17 @@ def ring(degrees: float, inner: float = 0.06, across: int = 2) -> tuple[Any, Any
     return np.column_stack([r * np.cos(angle), r * np.sin(angle), 0.02 * at[:, 2]]), cells
 
 
+def bottom(points: Any, cells: Any) -> tuple[Any, Any]:
+    """The lower sides of one layer of hexahedra, without double nodes."""
+    at, place = np.unique((points * [1.0, 1.0, 0.0]).round(12), axis=0, return_inverse=True)
+    return at, place.reshape(-1)[cells[:, :4]]
+
+
 def found(points: Any, cells: Any) -> Sector | None:
-    """The sector of a mesh of hexahedra."""
-    sides = facets_of(HEXAHEDRON, cells).reshape(-1, 4)
+    """The sector of a mesh of hexahedra, or of quadrilaterals."""
+    kind = HEXAHEDRON if cells.shape[1] == 8 else QUADRILATERAL
+    sides = facets_of(kind, cells)
+    sides = sides.reshape(-1, sides.shape[-1])
     first, _, count = distinct(sides)
     return find_sector(points, sides[first[count == 1]])
 
@@ -81,6 +90,18 @@ def test_sector_between_curved_or_kinked_cuts_is_found(shift: Any) -> None:
     assert sector.distances(np.zeros(3)) == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("inner", [0.06, 0.0])
+def test_plane_sector_is_found(inner: float) -> None:
+    """Without a bore, the cut faces meet on the axis."""
+    points, cells = bottom(*ring(15.0, inner))
+    points[:, 0] += 0.1
+    sector = found(points, cells)
+    assert sector is not None and sector.number == 24
+    assert sector.axis == pytest.approx([0.0, 0.0, 1.0])
+    assert sector.point == pytest.approx([0.1, 0.0, 0.0], abs=1e-9)
+    assert sector.are_cut(points).sum(axis=1).tolist() == [4, 4]
+
+
 def turned(x: Any, y: Any, angle: Any, z: Any) -> Any:
     """Places (n, 3) of a bar along z, whose cross-sections are turned."""
     c, s = np.cos(angle), np.sin(angle)
@@ -97,6 +118,8 @@ def bars() -> dict[str, tuple[Any, Any]]:
     fine, bricks = grid((20, 4, 2))
     chord, across = 2.0 * fine[:, 1] - 1.0, (2.0 * fine[:, 2] - 1.0) * 0.2
     twist, thick = 0.8 * fine[:, 0], across * (1.05 - chord**2)
+    plane, quads = bottom(*grid((4, 2, 1)))
+    narrow = np.tan(np.radians(20.0)) * (1.0 + plane[:, :1]) * (2.0 * plane[:, 1:2] - 1.0)
     return {
         "twisted blade": (turned(chord, across, twist, 5.0 * fine[:, 0]), bricks),
         "twisted profile": (turned(chord, thick, twist, 5.0 * fine[:, 0]), bricks),
@@ -106,6 +129,8 @@ def bars() -> dict[str, tuple[Any, Any]]:
         "wall of a tube": ring(180.0),
         "rest of a disk": ring(300.0, across=12),
         "taper of 40 degrees": (np.hstack([1.0 + box[:, :1], wide, 0.1 * box[:, 2:]]), cells),
+        "plane strip": (plane * [4.0, 1.0, 0.0], quads),
+        "plane taper": (np.hstack([1.0 + plane[:, :1], narrow, plane[:, 2:]]), quads),
     }
 
 
@@ -148,6 +173,16 @@ def test_inspection_names_the_sector_and_init_clamps_no_cut_face(tmp_path: Path)
 
 
 PUSH = {"group": "right", "direction": [0.0, 0.0, 1.0], "force": 1.0}
+
+
+def test_table_of_init_makes_a_plane_sector_the_disk(tmp_path: Path) -> None:
+    """The bladed plane sector of 60°, with its table taken from behind the comment signs."""
+    mesh = tmp_path / scene_of(tmp_path, *bladed()).geometry.mesh
+    text = starter_scene(inspect(mesh), tmp_path)
+    table = text[text.index("# [cyclic]") : text.index("[basis]")].replace("# ", "")
+    scene = parse_scene(tomllib.loads(text.replace("# [cyclic]", table)), "scene", tmp_path)
+    assert scene.cyclic is not None and scene.cyclic.sectors == 6
+    assert solid_of(scene, build_mesh(scene.geometry, MPI.COMM_SELF), UNDEFORMED).cut is not None
 
 
 @pytest.mark.parametrize(

@@ -270,9 +270,8 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         if name in found and name not in curves
     }
     sides = np.searchsorted(numbers, boundary[:, : SHAPES[facet_kind(kind)].corners])
-    sector = find_sector(points, sides) if d == 3 else None
     of = facet_groups, cell_groups, sizes, found, warnings
-    return CleanModel(*of, alone, sector=sector)
+    return CleanModel(*of, alone, sector=find_sector(points, sides))
 
 
 def _solid_cells(

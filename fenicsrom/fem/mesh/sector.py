@@ -152,12 +152,16 @@ class _Turn(NamedTuple):
 
 
 def find_sector(points: Floats, facets: Ints) -> Sector | None:
-    """Find two faces of a body in space that map onto each other by 360°/N, with N > 2.
+    """Find two faces of a body that map onto each other by 360°/N, with N > 2.
 
     Args:
         points: coordinates (n, 3), m.
-        facets: corners (k, 3 or 4) of the facets of the boundary, as indices of points.
+        facets: corners (k, 2 to 4) of the facets of the boundary, as indices of points. Those of a
+            body in the plane z = 0 have two.
     """
+    count = len(points)
+    if facets.shape[1] == 2:
+        points, facets = _extruded(points, facets)
     surface = _surface(points, facets)
     sizes = np.linalg.norm(surface.areas, axis=1)
     faces = _faces(surface)
@@ -182,8 +186,16 @@ def find_sector(points: Floats, facets: Ints) -> Sector | None:
     turns = [turn for turn in turns if _is_smooth(surface, turn)]
     if len(turns) != 1:  # a hexagonal bar has several axes, a sector has one
         return None
-    places = (points[np.unique(facets[face])] for face in (turns[0].a, turns[0].b))
-    return Sector(turns[0].number, turns[0].axis, turns[0].point, (next(places), next(places)))
+    corners = (np.unique(facets[face]) for face in (turns[0].a, turns[0].b))
+    left, right = (points[at[at < count]] for at in corners)
+    return Sector(turns[0].number, turns[0].axis, turns[0].point, (left, right))
+
+
+def _extruded(points: Floats, edges: Ints) -> tuple[Floats, Ints]:
+    """The sides (k, 4) of a plate above edges (k, 2), and its points: given ones, those above."""
+    height = np.linalg.norm(np.diff(points[edges], axis=1), axis=2).min()
+    above = points + np.array([0.0, 0.0, height])
+    return np.concatenate([points, above]), np.hstack([edges, edges[:, ::-1] + len(points)])
 
 
 def _faces(surface: _Surface) -> list[Ints]:
@@ -235,9 +247,10 @@ def _between(surface: _Surface, a: Ints, b: Ints, points: Floats) -> _Turn | Non
 def _is_smooth(surface: _Surface, turned: _Turn) -> bool:
     """Whether the surface beside faces a, turned onto faces b, goes on beside b without kinks."""
     rims = []
-    for face in (turned.a, turned.b):
+    for face, opposite in ((turned.a, turned.b), (turned.b, turned.a)):
         inside = np.isin(surface.sides, face)
         rim = inside[:, 0] != inside[:, 1]
+        rim &= ~np.isin(surface.sides, opposite).any(axis=1)  # the faces may meet on the axis
         beside = surface.sides[rim][~inside[rim]]
         rims.append((surface.ends[rim], surface.normals[beside]))
     (ends, normals), (others, wanted) = rims

@@ -306,6 +306,7 @@ def _cyclic_lines(found: Inspection) -> list[str]:
     axis, point = (
         [float(f"{x:.9g}") + 0.0 for x in np.round(of, 9)] for of in (sector.axis, sector.point)
     )
+    d = found.geometry.dimension
     return [
         "",
         "# The mesh is one sector of a disk. This table makes it the disk, in fenicsrom modes,",
@@ -314,8 +315,8 @@ def _cyclic_lines(found: Inspection) -> list[str]:
         f"# sectors = {sector.number}",
         f"# left = {toml(cuts[0])}",
         f"# right = {toml(cuts[1])}",
-        f"# axis = {axis}",
-        f"# point = {point}",
+        *[f"# axis = {axis}"][: d - 2],
+        f"# point = {point[:d]}",
     ]
 
 
