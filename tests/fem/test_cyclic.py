@@ -12,13 +12,17 @@ pytest.importorskip("meshio")
 pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
-from fenicsrom import build_solid, make_scene, modes
+from fenicsrom import build_solid, make_scene, modes, run
 from fenicsrom.assess.rotation.disk_modes import WaveMode, directions, wave_modes
 from fenicsrom.assess.rotation.rotating_modes import modes_at_speed
 from fenicsrom.errors import ErrorKind
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.fem.solid.wave import wave
 from fenicsrom.post.studies.disk_report import disk_report
-from tests.disks import CYCLIC, STEEL, N, copied, hub, ring, scene_of, spinning
+from fenicsrom.reduction.modes import component_modes
+from fenicsrom.scene import Basis
+from tests.disks import CYCLIC, STEEL, N, bladed, copied, hub, ring, scene_of, spinning
 from tests.support import on_ranks, refusal
 
 
@@ -48,6 +52,60 @@ def test_waves_of_a_sector_are_the_modes_of_the_disk(
         copies = 1 if coriolis or 2 * h in (0, N) else 2
         found += copies * squares_of(sector, h, 5 * ways).tolist()
     np.testing.assert_allclose(np.sort(found)[:12], modes_at_speed(whole, 18)[0][:12], rtol=1e-8)
+
+
+def free(path: Path, *mesh: Any, **more: Any) -> Any:
+    """The solid of a disk, or of a sector, without supports."""
+    scene = scene_of(path, *mesh, supports=[], **more)
+    return solid_of(scene, build_mesh(scene.geometry, MPI.COMM_SELF), free=True)
+
+
+@pytest.mark.parametrize("part", [bladed, hub])
+def test_free_disk_has_the_rigid_motions_and_the_modes_of_the_whole_one(
+    tmp_path: Path, part: Any
+) -> None:
+    """In the plane one rigid motion is alike in all sectors; two in space, and four across."""
+    d, mesh = (2, bladed()) if part is bladed else (3, hub())
+    axis = {} if d == 2 else {"axis": [0.0, 0.0, 1.0]}
+    sector = free(tmp_path, *mesh, cyclic=CYCLIC | axis)
+    whole = free(tmp_path, *copied(*mesh, N))
+    found, rigid = [], 3 * (d - 1)
+    for h in range(N // 2 + 1):
+        found += (1 if 2 * h in (0, N) else 2) * squares_of(sector, h, 6).tolist()
+    modes = component_modes(whole, Basis(modes=8), whole.rigid)
+    assert sector.free_motions.shape[1] == modes.rigid == rigid
+    squares = np.sort(found)[: rigid + 8]
+    assert not squares[:rigid].any()
+    np.testing.assert_allclose(squares[rigid:], modes.omega[rigid : rigid + 8] ** 2, rtol=1e-7)
+
+
+def test_free_disk_that_turns_is_a_disk_on_soft_springs(tmp_path: Path) -> None:
+    """In its frame it moves across the axis with the frequency of the rotation, a double root."""
+    turning = {"rotation": spinning(2) | {"speed_rpm": 6000.0}}
+    sector = free(tmp_path, *bladed(), cyclic=CYCLIC, **turning)
+    springs = {"attachments": [{"group": "bore", "stiffness": 100.0}]}
+    whole = free(tmp_path, *copied(*bladed(), N), **turning, **springs)
+    waves = [squares_of(sector, h, 5 * directions(sector, h)) for h in range(N // 2 + 1)]
+    assert waves[0][0] == 0.0
+    speed = 6000.0 * np.pi / 30.0
+    np.testing.assert_allclose(np.sort(np.abs(waves[1] / speed**2 - 1.0))[:2], 0.0, atol=1e-9)
+    expected = modes_at_speed(whole, 14)[0]
+    np.testing.assert_allclose(np.sort(np.concatenate(waves))[3:12], expected[3:12], rtol=1e-5)
+
+
+def test_disk_may_be_held_at_places_that_do_not_hold_its_sector(tmp_path: Path) -> None:
+    """A spring along x in each sector lets the disk turn, or hold it, by where it is."""
+    for place, count in (([0.1, 0.0], 1), ([0.05, 0.0866], 0)):
+        spring = {"nearest": place, "components": ["x"], "stiffness": 1e6}
+        sector = free(tmp_path, *ring(), cyclic=CYCLIC, attachments=[spring])
+        assert sector.free_motions.shape[1] == count
+
+
+def test_free_disk_in_time_is_refused(tmp_path: Path) -> None:
+    load = {"nearest": [0.2, 0.1], "direction": [1.0, 0.0], "force": 1.0, "frequency": 9.0}
+    scene = scene_of(tmp_path, *ring(), cyclic=CYCLIC, supports=[], loads=[load])
+    with refusal(ErrorKind.SUPPORT, key="supports"):
+        run(scene)
 
 
 UNEVEN = """

@@ -320,7 +320,7 @@ def _solid_at(speed_rpm: float, scene: Scene, comm: Any) -> Solid:
     log.info("mesh ..")
     mesh = build_mesh(scene.geometry, comm)
     log.info("solid ..")
-    solid = solid_of(scene.at_speed(speed_rpm), mesh)
+    solid = solid_of(scene.at_speed(speed_rpm), mesh, free=True)
     asked = scene.campbell.modes
     if asked is not None and asked > solid.free:
         allowed = f"must be at most {solid.free}, the number of free unknowns"
@@ -517,12 +517,12 @@ def _warnings(found: Campbell) -> list[Note]:
                 f"{found.mac[k, mode]:.2f}): use speeds that are closer together to find out"
             )
             warnings.append(Note(NoteKind.WARNING, text, quantity=FREQUENCIES))
-        unstable = np.flatnonzero(found.squares[:, mode] <= 0.0)
+        unstable = np.flatnonzero(found.squares[:, mode] < 0.0)  # rigid motions have 0
         if unstable.size:
             rotation = found.scene.rotation
             held = rotation is None or rotation.coriolis
             what = "the equilibrium is unstable"
-            text = f"mode {name} has omega^2 <= 0 at {found.speeds_rpm[unstable[0]]:g} rpm: " + (
+            text = f"mode {name} has omega^2 < 0 at {found.speeds_rpm[unstable[0]]:g} rpm: " + (
                 what if held else f"without the Coriolis force, which may hold it, {what}"
             )
             warnings.append(Note(NoteKind.UNSTABLE, text))

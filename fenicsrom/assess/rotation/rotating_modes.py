@@ -159,6 +159,7 @@ COINCIDENT = 1e-4
 # relative change of the frequencies at which the space of the complex modes is large enough
 COMPLEX_TOLERANCE = 1e-8
 COMPLEX_ROUNDS = 12
+TINY = np.finfo(float).tiny
 # of modes with equal MAC, the one with the nearest number by frequency is taken
 SAME_RANK = 1e-3
 # |a^T M a| above which a mode counts as a standing one, of a body at rest
@@ -185,12 +186,19 @@ def modes_at_speed(solid: TurningBody, count: int) -> tuple[Array, Shapes, float
     squares, normal = solid.eigenmodes(solid.factor, count)
     if solid.gyroscopic is None:
         return squares, normal, 0.0
-    space = normal
+    space, rigid = normal, solid.rigid.shape[1]
     previous = np.sqrt(np.abs(squares))
+    drift = np.sqrt(np.maximum(-squares[:rigid], 0.0)).max(initial=0.0)
     for _ in range(COMPLEX_ROUNDS):
-        roots, z = _state_space_modes(solid, space, count)
+        if drift > 0.0:
+            roots, z = _state_space_modes(solid, space[:, rigid:], count - rigid, 0)
+            roots = np.append(np.full(rigid, 1j * drift), roots)
+            order = np.argsort(_squares(roots), kind="stable")
+            roots, z = roots[order], scipy.linalg.block_diag(np.eye(rigid), z)[:, order]
+        else:
+            roots, z = _state_space_modes(solid, space, count, rigid)
         shapes, sizes = space @ z, np.abs(roots)
-        change = float(np.max(np.abs(sizes - previous) / sizes))
+        change = float(np.max(np.abs(sizes - previous) / np.maximum(sizes, TINY)))
         if change <= COMPLEX_TOLERANCE or space.shape[1] >= solid.free:
             mass = hermitian(solid, shapes, shapes)
             return _squares(roots), shapes / np.sqrt(np.diag(mass).real), change
@@ -219,8 +227,10 @@ def _squares(roots: Shapes) -> Array:
     return np.asarray(sign * np.abs(roots) ** 2, dtype=np.float64)
 
 
-def _state_space_modes(solid: TurningBody, space: Array, count: int) -> tuple[Shapes, Shapes]:
-    """The complex modes within an M-orthonormal space (local, k).
+def _state_space_modes(
+    solid: TurningBody, space: Array, count: int, rigid: int
+) -> tuple[Shapes, Shapes]:
+    """The complex modes within an M-orthonormal space (local, k), which begins with rigid motions.
 
     With K = L L^T the state (L^T q, dq/dt) obeys a skew matrix. That matrix times i is Hermitian,
     and its eigenvalues come in pairs +-omega. Where K has negative eigenvalues, the state is
@@ -230,10 +240,10 @@ def _state_space_modes(solid: TurningBody, space: Array, count: int) -> tuple[Sh
         Roots lambda (count,), 1/s, by omega^2, and coordinates (k, count).
     """
     k = space.shape[1]
-    stiffness = solid.inner(space, solid.stiffness_times(space))
-    gyroscopic = solid.inner(space, solid.gyroscopic_times(space))
+    r, stiffness = rigid, solid.inner(space, solid.stiffness_times(space))
+    gyroscopic, lower = solid.inner(space, solid.gyroscopic_times(space)), np.zeros((k, k - r))
     try:
-        lower = np.linalg.cholesky(stiffness)
+        lower[r:] = np.linalg.cholesky(stiffness[r:, r:])
     except np.linalg.LinAlgError:
         state = np.block([[np.zeros((k, k)), np.eye(k)], [-stiffness, -gyroscopic]])
         roots, vectors = np.linalg.eig(state)
@@ -244,9 +254,11 @@ def _state_space_modes(solid: TurningBody, space: Array, count: int) -> tuple[Sh
         energy = np.abs(roots) ** 2 + np.sum(z.conj() * (stiffness @ z), axis=0).real
         passed = energy < 0.0
         return np.where(passed, roots.conj(), roots), np.where(passed, z.conj(), z)
-    skew = np.block([[np.zeros((k, k)), lower.T], [-lower, -gyroscopic]])
+    skew = np.block([[np.zeros((k - r, k - r)), lower.T], [-lower, -gyroscopic]])
     values, vectors = np.linalg.eigh(-1j * skew)
-    return 1j * values[k : k + count], vectors[k:, k : k + count]
+    vectors[k - r :, k - r : k] = np.eye(k, r)  # between the pairs
+    values[k - r : k] = 0.0
+    return 1j * values[k - r :][:count], vectors[k - r :, k - r :][:, :count]
 
 
 def have_passed_zero(solid: TurningBody, squares: Array, shapes: Shapes) -> bool:
@@ -322,7 +334,7 @@ def _joint(common: Shapes, still: Shapes) -> Array:
     sides = (
         np.imag(turned[:, None].conj() * turned[None]) ** 2 * np.outer(at_once, at_once)[..., None]
     )
-    found: Array = mac + sides.sum(axis=1) / np.maximum(mac, np.finfo(float).tiny)
+    found: Array = mac + sides.sum(axis=1) / np.maximum(mac, TINY)
     return np.where(mac > LEAST_PART, found, mac)
 
 
@@ -365,6 +377,7 @@ class RangeBody(DenseBody):
         """Store the range model and move to the equilibrium at a speed in rad/s."""
         self.whole, self.free = whole, whole.model.size
         self.mass, self.warnings = whole.model.mass, list[Note]()
+        self.rigid = np.zeros((self.free, 0))
         self.spin(omega)
 
     def spin(self, omega: float) -> None:

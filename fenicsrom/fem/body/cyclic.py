@@ -21,17 +21,17 @@ from copy import copy
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 from numpy.typing import NDArray
 from petsc4py import PETSc
-from scipy.linalg import null_space
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
-from fenicsrom.fem.base.linalg import Factorisation
+from fenicsrom.fem.base.linalg import Factorisation, FreeFactorisation
 from fenicsrom.fem.body.pairs import Side
 from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.scene import Cyclic
@@ -57,6 +57,9 @@ ROUNDING = 1e-9
 
 RATIO = 2.0
 """The mesh of one cut face should not be finer than the other by a larger factor."""
+
+NOTHING = 1e-6
+"""A field has no rest if the square of the rest, relative to that of the field, is smaller."""
 
 IMAGINARY = np.array([[0.0, -1.0], [1.0, 0.0]])
 
@@ -312,6 +315,47 @@ class CutFaces:
         found = real + 1j * imaginary
         return np.asarray(found if self.is_real(h) else found[::2])
 
+    def masters_of(self, h: int, fields: Complex) -> Array:
+        """The masters (own, k), as of `constraint`, of waves (local, k)."""
+        block, k = self._masters(h)[0].block, fields.shape[1]
+        found = np.einsum("nim,nik->nmk", block.conj(), fields.reshape(*block.shape[:2], k))
+        found = found[np.any(np.abs(block) > ROUNDING, axis=1)]
+        if self.is_real(h):
+            return np.asarray(found.real)
+        return np.stack([found.real, found.imag], axis=1).reshape(2 * len(found), k)
+
+    def waves_among(self, h: int, fields: Array) -> Complex:
+        """Combinations (local, m) of independent fields (local, k) that are waves. Collective."""
+        constraint = self.constraint(h)
+        wave = times(constraint, self.masters_of(h, fields))
+        constraint.destroy()
+        rest = fields - (wave if self.is_real(h) else wave[::2] + 1j * wave[1::2])
+        return self._without(rest, fields)
+
+    def shifts_among(self, fields: Complex) -> Complex:
+        """Combinations (local, m) of fields (local, k) that are translations. Collective."""
+        nodes = fields.reshape(*self._held.shape, fields.shape[1])
+        count, total = map(self._body.comm.allreduce, (len(nodes), nodes.sum(axis=0)))
+        return self._without((nodes - total / count).reshape(fields.shape), fields)
+
+    def _without(self, rest: Complex, fields: Complex) -> Complex:
+        """Combinations (local, m) of independent fields (local, k) that have no rest (local, k)."""
+        if not fields.shape[1]:
+            return fields
+        errors, sizes = (self._body.comm.allreduce(x.conj().T @ x) for x in (rest, fields))
+        values, vectors = scipy.linalg.eigh(errors, sizes)
+        return np.asarray(fields @ vectors[:, values < NOTHING])
+
+    def turning(self, motions: Array, u: Array) -> Array:
+        """What displacements u (local,) add to rigid motions (local, k) that turn the disk."""
+        d = self._d
+        arms, moved = (
+            np.cross(self._axis, np.pad(x, ((0, 0), (0, 3 - x.shape[1]))))[:, :d].ravel()
+            for x in (self._nodes - self._point, u.reshape(-1, d))
+        )
+        turned, size = map(self._body.comm.allreduce, (arms @ motions, arms @ arms))
+        return np.outer(moved, turned / size)
+
     def _masters(self, h: int) -> tuple[_Masters, int]:
         """How the nodes of this rank follow from masters, but for the followers; their number."""
         n, d = self._held.shape
@@ -320,7 +364,7 @@ class CutFaces:
         block[self._central] = 0.0
         block[self._followers] = 0.0
         if h < 2:  # other waves hold the axis; these leave its direction, or turn about it
-            first, second = null_space(self._axis[None]).T
+            first, second = scipy.linalg.null_space(self._axis[None]).T
             second *= np.sign(self._axis @ np.cross(first, second))
             fixed = self._axis if h == 0 else (first + 1j * second) / np.sqrt(2.0)
             block[self._central, :, 0] = ~self._held[self._central] * fixed[:d]
@@ -378,12 +422,18 @@ class WaveFactorisation:
         matrix: K.
     """
 
-    def __init__(
-        self, matrix: PETSc.Mat, constraint: PETSc.Mat, prefix: str, symmetric: bool = True
-    ):
-        """Factorise; arguments and errors as `Factorisation`."""
-        self.matrix, self._constraint = matrix, constraint
-        self._inner = Factorisation(wave_matrix(matrix, constraint), prefix, symmetric)
+    def __init__(self, body: Any, matrix: PETSc.Mat, prefix: str, symmetric: bool = True):
+        """Factorise a matrix of a body; other arguments and errors as `Factorisation`."""
+        cut: CutFaces = body.cut
+        self.matrix, self._constraint = matrix, cut.constraint(0)
+        inner = wave_matrix(matrix, self._constraint)
+        self._inner: Factorisation | FreeFactorisation
+        if body.rigid.shape[1]:
+            mass, rigid = wave_matrix(body.mass, self._constraint), cut.masters_of(0, body.rigid)
+            self._inner = FreeFactorisation(inner, rigid.real, mass, prefix)
+            mass.destroy()
+        else:
+            self._inner = Factorisation(inner, prefix, symmetric)
 
     def update(self) -> None:
         """Factorise again after the values of the matrix changed."""

@@ -402,11 +402,11 @@ class ElasticBody:
         The inverse of a free body is that on the complement of its rigid motions. Arguments and
         errors as `Factorisation`.
         """
+        if self.cut is not None:
+            return WaveFactorisation(self, matrix, prefix, symmetric)
         if self.rigid.shape[1]:
             return FreeFactorisation(matrix, self.rigid, self.mass, prefix)
-        if self.cut is None:
-            return Factorisation(matrix, prefix, symmetric)
-        return WaveFactorisation(matrix, self.cut.constraint(0), prefix, symmetric)
+        return Factorisation(matrix, prefix, symmetric)
 
     def add_form(self, matrix: PETSc.Mat, form: fem.Form) -> None:
         """Add a bilinear form to an assembled matrix, which has all entries of the form."""

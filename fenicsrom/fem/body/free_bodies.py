@@ -36,18 +36,21 @@ def free_motions_of(body: Any, scene: Scene, springs: csr_array) -> Array:
     Raises:
         SceneError: they are free although there are supports; or something would move the body
             along them for ever, or hold it: a static load, a wall, a rotation or a dashpot to the
-            ground, or it is a sector.
+            ground; or it is a sector with a contact.
     """
     found = free_motions(body, springs)
     motions: Array = found.fields @ found.free
-    if not found.free.size:
+    if body.cut is not None:  # the others are no motions of the whole disk
+        alike, across = (body.cut.waves_among(h, motions) for h in (0, 1))
+        motions = np.hstack([alike.real, across.real, across.imag])
+    if not motions.shape[1]:
         return motions
     if scene.supports:
         raise loose(body, found)
     dragged, size = abs(body.dashpots @ motions), abs(body.dashpots).max()
     given = {
-        "rotation": scene.rotation,
-        "cyclic": scene.cyclic,
+        "rotation": body.cut is None and scene.rotation,
+        "contacts": body.cut is not None and scene.contacts,
         "static loads": [one for one in scene.loads if one.static or one.follower],
         "walls": [one for one in scene.contacts if one.against is None],
         "dashpots to the ground": body.comm.allreduce(bool((dragged > ROUNDING * size).any())),
@@ -88,8 +91,8 @@ def _drifting(body: Any, motions: Array, where: str) -> SceneError:
         f"{counted(motions.shape[1], 'rigid motion')} would let the body drift in "
         f"{where}: hold it by supports or by springs to the ground; free bodies are allowed in "
         "fenicsrom modes and, with geometrically_nonlinear = false, in run, sweep, response, "
-        "backbone and ringdown, without static loads, walls, [rotation], [cyclic] and dashpots "
-        "to the ground"
+        "backbone and ringdown, without static loads, walls, [rotation] and dashpots to the "
+        "ground; free disks ([cyclic]) in modes and campbell, without contacts"
     )
     return Where(body.source, "supports").refuse([], allowed, ErrorKind.SUPPORT)
 

@@ -174,9 +174,8 @@ class Solid(ElasticBody):
         self._set_loads()
         self._set_probe([*filter(None, [scene.probe]), *(c.place for c in scene.contacts)])
 
-        self._spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
         pushed = self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0
-        self.loaded: bool = self._spinning or bool(pushed) or not self.symmetric or self.joined
+        self.loaded: bool = self.spins or bool(pushed) or not self.symmetric or self.joined
         self._known = known
         if known is not None:
             self.equilibrium: Array = np.zeros(self.local) + known.displacement
@@ -208,7 +207,7 @@ class Solid(ElasticBody):
         self.unstable = check_stability(self)
         if self.unstable:
             self._set_follower_loads()
-        elif not self._spinning:
+        elif not self.spins:
             check_snap(self, linear)
 
     def _bring_together(self) -> None:
@@ -221,14 +220,19 @@ class Solid(ElasticBody):
 
     def _predicted(self) -> Array | None:
         """A state (local,) near the equilibrium, if one is cheap to find. Collective."""
-        if self._spinning and self.symmetric and self.free >= prediction.UNKNOWNS:
+        if self.spins and self.symmetric and self.free >= prediction.UNKNOWNS:
             return prediction.predicted_equilibrium(self)
         return None
 
     @property
+    def spins(self) -> bool:
+        """Whether the body turns."""
+        return self.rotation is not None and self.rotation.omega_squared > 0.0
+
+    @property
     def _bends(self) -> bool:
         """Whether the equilibrium changes the stiffness."""
-        return self.loaded and (self.geometrically_nonlinear or self._spinning)
+        return self.loaded and (self.geometrically_nonlinear or self.spins)
 
     @cached_property
     def mass(self) -> PETSc.Mat:
@@ -255,8 +259,11 @@ class Solid(ElasticBody):
 
     @cached_property
     def rigid(self) -> Array:
-        """(local, r) mass-orthonormal rigid motions that nothing holds."""
-        return mass_orthonormal(self, self.free_motions)
+        """(local, r) mass-orthonormal rigid motions that nothing holds, alike in all sectors."""
+        motions = self.free_motions
+        if self.cut is not None:
+            motions = self.cut.waves_among(0, motions).real
+        return mass_orthonormal(self, motions)
 
     @cached_property
     def gyroscopic(self) -> PETSc.Mat | None:
@@ -583,7 +590,6 @@ class Solid(ElasticBody):
         _ = self.factor, self.gyroscopic  # of the speed so far, if they were not made yet
         self.rotation.set_speed(omega)
         if self.joined:
-            self._spinning = self.rotation.omega_squared > 0.0
             self._bring_together()
             vars(self).pop("stiffness", None)
         else:

@@ -16,7 +16,12 @@ the equilibrium stick: with the springs k and the rows of the sector and of the 
 
     K + B k Bᴴ,    Bᴴ = B_ownᴴ + e^{ih 2π/N} B_aheadᴴ,                                      (3)
 
-takes the place of K.
+takes the place of K. A disk that nothing holds and that turns at the speed Ω moves across its axis
+as it likes. In its frame this is
+
+    u = a e^{iΩt}, against the rotation, with K a = −Ω² M a,                                (4)
+
+and a double root, as the disk may also drift. No force joins these motions to others.
 """
 
 from contextlib import closing
@@ -26,9 +31,10 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.fem.base.linalg import Factorisation, eigenmodes, multiply
+from fenicsrom.fem.base.linalg import Factorisation, FreeFactorisation, eigenmodes, multiply
 from fenicsrom.fem.body.cyclic import Complex, paired, wave_matrix
 from fenicsrom.fem.body.elasticity import Joint
+from fenicsrom.fem.body.free_bodies import mass_orthonormal
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.reduction.protocols import Inverse
 
@@ -42,6 +48,8 @@ class Wave:
     Attributes:
         double: whether the vectors have imaginary parts, and each mode comes twice.
         free: number of unknowns.
+        rigid: (own, r) mass-orthonormal rigid motions that nothing holds, which are the first
+            modes: those of zero frequency, or (4) of a disk that turns.
         inner: inner products over all ranks of two blocks.
     """
 
@@ -64,8 +72,15 @@ class Wave:
         self.gyroscopic: PETSc.Mat | None = None
         if sector.gyroscopic is not None:
             self.gyroscopic = wave_matrix(sector.gyroscopic, self._constraint)
-        self.factor = Factorisation(self._stiffness, "fenicsrom_wave")
         self.free, self.inner = self._stiffness.getSize()[0], sector.inner
+        self._drifts = h == 1 and sector.spins
+        self.rigid = mass_orthonormal(self, _rigid_masters(sector, h))
+        self.factor: Factorisation | FreeFactorisation
+        if self.rigid.shape[1] and not self._drifts:
+            of = self._stiffness, self.rigid, self._mass
+            self.factor = FreeFactorisation(*of, "fenicsrom_wave")
+        else:
+            self.factor = Factorisation(self._stiffness, "fenicsrom_wave")
 
     def close(self) -> None:
         """Free the matrices and the factor. Collective."""
@@ -76,7 +91,16 @@ class Wave:
 
     def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
         """The `count` lowest ω² (count,) and mass-normalised modes (own, count)."""
-        return eigenmodes(self._stiffness, self._mass, inverse, count, "fenicsrom_wave_modes")
+        asked = count if self._drifts else count - self.rigid.shape[1]
+        squares, modes = eigenmodes(
+            self._stiffness, self._mass, inverse, max(asked, 0), "fenicsrom_wave_modes"
+        )
+        common = self.mass_inner(self.rigid, modes)
+        elastic = np.sum(common**2, axis=0) < 0.5
+        modes = (modes - self.rigid @ common)[:, elastic]
+        own = np.diag(self.inner(self.rigid, self.stiffness_times(self.rigid)))
+        squares = np.append(own * self._drifts, squares[elastic])[:count]
+        return squares, np.hstack([self.rigid, modes])[:, :count]
 
     def stiffness_times(self, block: Array) -> Array:
         """The stiffness times a block (own, k)."""
@@ -101,6 +125,19 @@ class Wave:
         turned = np.empty_like(z, dtype=complex)
         turned[::2], turned[1::2] = -1j * z[1::2], 1j * z[::2]
         return 0.5 * (z - turned), 0.5 * (z + turned)
+
+
+def _rigid_masters(sector: Solid, h: int) -> Array:
+    """The independent rigid motions (own, r) of `Wave.rigid`."""
+    cut = sector.cut
+    assert cut is not None
+    motions = cut.waves_among(h, sector.free_motions)
+    if h == 0:
+        motions = motions + cut.turning(motions, sector.equilibrium)
+    elif sector.spins:
+        motions = cut.shifts_among(motions)
+    parts = motions if cut.is_real(h) else np.hstack([motions, 1j * motions])
+    return cut.masters_of(h, parts)
 
 
 def _sticking(sector: Solid, h: int, stuck: bool) -> csr_array | None:

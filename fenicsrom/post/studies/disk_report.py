@@ -259,6 +259,12 @@ def disk_report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
         f"The mesh is {found.body.cut.sentence}." if found.body and found.body.cut else "",
         *sentences(found),
     ]
+    if found.body and (rigid := found.body.free_motions.shape[1]):
+        lines.append(
+            f"Nothing holds the disk: it has {counted(rigid, 'rigid motion')} of 0 or 1 nodal "
+            "diameters, with 0 Hz at rest. As it turns, those across the axis have the frequency "
+            "of the rotation."
+        )
     if found.body and found.body.joint:
         pressing = found.body.pressing
         points = f"{counted(pressing.size, 'contact point')} in a sector"
