@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from fenicsrom.assess.studies.ringdown import Ringdown
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.online.store.disk import StoredDisk
+    from fenicsrom.online.store.scene_changes import Trained
 
 
 STATE = "response_state"  # folder of what is kept of the curves
@@ -67,11 +68,10 @@ def response(
         KeyboardInterrupt: `stop` returned True before the curves began.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.curves.response_problem import check_response, scenes_of_curves
+    from fenicsrom.assess.curves.response_problem import check_response
     from fenicsrom.assess.curves.results import check_folder, response_table
     from fenicsrom.assess.errors.comparisons import of_model
     from fenicsrom.post.curves.response_report import write
-    from fenicsrom.reduction.training import beyond
 
     scene = scene_of(given)
     check_response(scene)
@@ -89,10 +89,7 @@ def response(
     ends = (table.low, table.high) if table.parameter == "rotation.speed_rpm" else ()
     found.mesh_check = of_model(source.stored, *ends)
     found.warnings[:0] = _first_warnings(source, found)
-    sizes = [math.hypot(*p.probe_amplitude) for c in found.curves for p in c.points]
-    for each in scenes_of_curves(found.scene):
-        outside = beyond(source.stored.trained, each, max(sizes, default=0.0))
-        found.warnings += [note for note in outside if note not in found.warnings]
+    _add_beyond(found, source.stored.trained)
     if found.table.full_values and source.study is None:
         text = (
             "response.full was left out: the full model needs the mesh, which a stored model does "
@@ -147,9 +144,21 @@ def _waves(
             richer=larger,
         )
     found.warnings[:0] = reduction_notes(disk)
+    _add_beyond(found, disk.trained)
     if first is not None and found.curves:
         found.files = write(found, disk, first)
     return found
+
+
+def _add_beyond(found: Response, trained: Trained | None) -> None:
+    """Note what curves ask more of the interface vectors than the motions that chose them."""
+    from fenicsrom.assess.curves.response_problem import scenes_of_curves
+    from fenicsrom.reduction.training import beyond
+
+    sizes = [math.hypot(*p.probe_amplitude) for c in found.curves for p in c.points]
+    for each in scenes_of_curves(found.scene):
+        outside = beyond(trained, each, max(sizes, default=0.0))
+        found.warnings += [note for note in outside if note not in found.warnings]
 
 
 def _first_warnings(source: Source, found: CurveRecord) -> list[Note]:

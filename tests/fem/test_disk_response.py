@@ -23,6 +23,7 @@ from fenicsrom.online.model.disk_model import disk_model, disk_scene, lag_of
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic.balance import Balance
 from fenicsrom.online.periodic.shooting import frequency_family
+from fenicsrom.online.store.scene_changes import Trained
 from fenicsrom.post.base.origin import RESULTS
 from tests.disks import CYCLIC, N, bladed, scene_of, shrouded, spinning
 from tests.fem.test_disk_contact import sector_scene as touching
@@ -178,7 +179,10 @@ def test_response_of_a_disk_writes_its_wave(tmp_path: Path) -> None:
         moved = motions["largest_displacement"][:, 0, 1]
     top = curve["largest"]["amplitude_tangential_m"]
     assert np.ptp(moved) / 2.0 == pytest.approx(top, rel=1.5e-4)
-    again = response(load_disk(tmp_path / "out" / "reduced_model.npz"))
+    stored = load_disk(tmp_path / "out" / "reduced_model.npz")
+    trained = Trained((1e3,), (0.1,), amplitude=1.0, duration=0.0, dissipation=0.0)
+    again = response(replace(stored, trained=trained))
+    assert any("loads.0.force is 2000, and was 1000" in note for note in again.warnings)
     tops = [max(float(p.amplitude.max()) for p in r.curves[0].points) for r in (found, again)]
     assert tops[0] == pytest.approx(tops[1], rel=1e-9)
 

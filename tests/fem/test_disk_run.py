@@ -44,6 +44,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.scene_changes import changed_scene, shares_model
 from fenicsrom.online.stress.stress import von_mises
 from fenicsrom.post.base.origin import RESULTS
+from fenicsrom.post.paraview.disk_motion import moved_disk
 from fenicsrom.post.studies.disk_run_report import figure, report
 from tests.disks import (
     CYCLIC,
@@ -169,6 +170,12 @@ def test_stresses_and_displacements_of_sectors_are_those_of_the_whole_disk(tmp_p
     assert [peak.state for peak in again.peaks_of_stress] == ["equilibrium", "sector 4"]
     few = pyvista.read(sorted((tmp_path / "one" / "motion").glob("*.vtu"))[-1])
     assert few.n_cells == last.n_cells // N and set(few["sector"]) == {4}
+    vars(again)["displacement"] = np.zeros_like(again.displacement)
+    again.displacement[[3, 7], [4, 0], 0] = 1.0, 2.0  # sector 0 is not shown
+    q = found.model.sector_coordinates(again.motion.coordinates[3:4])[4]
+    shown = np.linalg.norm(moved_disk(again, "moved")["moved"], axis=1).max()
+    own = found.disk.table.displacement(q)[0]
+    assert shown == pytest.approx(np.linalg.norm(own, axis=1).max())
     with refusal(ErrorKind.RANGE, key="output.sectors", names="below 6"):
         found.disk.with_overrides({"output.sectors": [6]})
 

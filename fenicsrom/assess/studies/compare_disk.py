@@ -30,7 +30,8 @@ from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.fixed_sector import stored_disk
 from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.fem.solid.whole_disk import as_sectors, whole_scene
-from fenicsrom.online.model.disk_model import disk_scene
+from fenicsrom.notes import Note, NoteKind
+from fenicsrom.online.model.disk_model import deviations, disk_scene
 from fenicsrom.progress import log
 from fenicsrom.scene import Compare, Scene
 from fenicsrom.scene.base.rules import Problem, Problems, Where
@@ -64,6 +65,7 @@ def compare_disk(scene: Scene, comm: Any, stop: Callable[[], bool]) -> Compariso
     log.info(f"the whole disk in finite elements has {body.free} unknowns")
     full, full_run = full_motion(body, whole, "disk")
     beside = as_sectors(full, body, points, scene)
+    told: dict[Note, list[str]] = {}
 
     def attempt(combination: Combination) -> Outcome:
         one, outcome = scenes[combination], Outcome(combination, offline=dict(seconds))
@@ -73,6 +75,9 @@ def compare_disk(scene: Scene, comm: Any, stop: Callable[[], bool]) -> Compariso
             found = disk_run(disk, partial(timed, {}), stop)
             if found.interrupted:
                 raise KeyboardInterrupt
+            for note in found.warnings:
+                if note.kind is not NoteKind.UNSETTLED:  # a note of all outcomes
+                    told.setdefault(note, []).append(combination.name)
             if found.unfinished is not None and not found.errors:  # else only an error is large
                 raise found.unfinished
             timings = time_runs(found.model, disk_scene(one), found.motion, comm)
@@ -87,7 +92,15 @@ def compare_disk(scene: Scene, comm: Any, stop: Callable[[], bool]) -> Compariso
         return outcome
 
     outcomes, interrupted = try_each(wanted, attempt, stop)
-    warned = [*body.warnings, *outcome_notes(scene, outcomes)]
+    warned = [*body.warnings, *_disk_notes(told, len(outcomes)), *outcome_notes(scene, outcomes)]
+    if deviations(scene).any() and body.loaded:
+        text = (
+            "mistuning changes the moduli of the whole disk, but the stiffness of reduced sectors "
+        )
+        text += (
+            "about an equilibrium that is alike in all of them: under rotation and static loads "
+        )
+        warned.append(Note(NoteKind.REMARK, text + "they differ", "cyclic.mistuning"))
     return Comparison(
         scene,
         outcomes,
@@ -96,9 +109,17 @@ def compare_disk(scene: Scene, comm: Any, stop: Callable[[], bool]) -> Compariso
         unknowns=body.free,
         points=points,
         compilation=cold["compilation"],
-        warnings=warned,
+        warnings=list(dict.fromkeys(warned)),
         interrupted=interrupted,
     )
+
+
+def _disk_notes(told: dict[Note, list[str]], count: int) -> list[Note]:
+    """The notes of `count` reduced disks, with the names of those that have them if not all do."""
+    return [
+        note if len(names) == count else note.saying(f"{'; '.join(names)}: {note}")
+        for note, names in told.items()
+    ]
 
 
 def scenes_of_disks(scene: Scene) -> tuple[Scene, dict[Combination, Scene]]:

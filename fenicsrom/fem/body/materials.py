@@ -47,7 +47,7 @@ class Materials:
             cells = mesh.cells(group.group)
             taken = np.max(self.number[cells], initial=0)
             other = max(mesh.domain.comm.allgather(int(taken)))
-            if other:
+            if other and not groups[other - 1].group.startswith("@"):  # else of a whole sector
                 common = f"has cells in common with group {groups[other - 1].group!r}"
                 where = Where(scene.source, f"materials[{k}].group")
                 allowed = f"{common}; each cell must have one material"

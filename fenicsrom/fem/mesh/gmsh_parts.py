@@ -68,7 +68,7 @@ def sector_turn(cyclic: Cyclic, j: int) -> Rotation:
 
 
 def _sectors(file: MeshFile, geometry: Geometry, cyclic: Cyclic) -> MeshFile:
-    """All sectors of a disk with common nodes; "tip@3" is the group "tip" of sector 3.
+    """All sectors of a disk with common nodes; "tip@3" is the group "tip" of sector 3, "@3" all.
 
     Raises:
         SceneError: the nodes of the cut faces do not match.
@@ -78,6 +78,8 @@ def _sectors(file: MeshFile, geometry: Geometry, cyclic: Cyclic) -> MeshFile:
         blocks = []
         for block in file.blocks:
             own = {f"{name}@{j}": marks for name, marks in block.groups.items()}
+            if block.shape.dimension == geometry.dimension:
+                own[f"@{j}"] = np.ones(len(block.nodes), dtype=bool)
             blocks.append(replace(block, groups=block.groups | own))
         own_sets = {f"{name}@{j}": nodes for name, nodes in file.node_groups.items()}
         points = _turned(file.points, geometry, cyclic, j)

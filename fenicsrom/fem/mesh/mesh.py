@@ -382,7 +382,9 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm, disk: Cyclic | None = None) -
             loaded = load_disk(gmsh, geometry, disk) if disk else load_files(gmsh, geometry)
             clean = clean_model(gmsh, geometry, loaded.node_sets)
             warnings = (*loaded.warnings, *clean.warnings)
-            return replace(clean, warnings=warnings, glued=loaded.glued), gmsh.model
+            sector = None if disk else clean.sector
+            clean = replace(clean, warnings=warnings, glued=loaded.glued, sector=sector)
+            return clean, gmsh.model
 
         return _distributed(draft, geometry, comm)
 

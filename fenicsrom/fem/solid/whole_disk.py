@@ -18,13 +18,13 @@ from fenicsrom.arrays import Array
 from fenicsrom.fem.mesh.gmsh_parts import sector_turn
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.model.disk_model import disk_scene
+from fenicsrom.online.model.disk_model import deviations, disk_scene
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.scene import Cyclic, Scene
 from fenicsrom.scene.base.rules import Problem, Problems, Where
 from fenicsrom.scene.base.tables import plain, require_none
 from fenicsrom.scene.checks.checks import regions
-from fenicsrom.scene.keys.places import AXES, Elasticity
+from fenicsrom.scene.keys.places import AXES, Elasticity, GroupMaterial
 
 SHIFTED = 1e-6
 """Components are those of the turned frame up to this rounding."""
@@ -52,10 +52,11 @@ class _Turn:
                 found[name] = self.of(value)
             elif name == "group" and value is not None:
                 found[name] = f"{value}@{self._j}"
-            elif name in ("direction", "normal", "node", "nearest") and value is not None:
-                is_place = name in ("node", "nearest")
-                at = self.moved(np.array([value]))[0] if is_place else self.matrix @ value
-                found[name] = tuple(at.tolist())
+            elif name in ("node", "nearest") and value is not None:
+                found[name] = tuple(self.moved(np.array([value]))[0].tolist())
+            elif name in ("direction", "normal", "axes") and value is not None:
+                turned = np.array(value) @ self.matrix.T
+                found[name] = tuple(map(tuple, turned.tolist()) if turned.ndim > 1 else turned)
         return replace(table, **found)
 
 
@@ -86,8 +87,30 @@ def whole_scene(scene: Scene) -> Scene:
         contacts=tuple(replace(contact, neighbour=False) for contact in contacts),
         supports=tuple(turn.of(one) for turn in turns for one in scene.supports),
         attachments=tuple(turn.of(one) for turn in turns for one in scene.attachments),
+        materials=tuple(_materials(scene, turns)),
         probe=scene.probe and turns[0].of(scene.probe),
     )
+
+
+def _materials(scene: Scene, turns: list[_Turn]) -> list[GroupMaterial]:
+    """The materials of all sectors, with turned axes and mistuned moduli, if sectors differ."""
+    delta, every = deviations(scene), (scene.material, *scene.materials)
+    if not delta.any() and all(one.is_isotropic for one in every):
+        return list(scene.materials)
+    d, constants = scene.geometry.dimension, [entry.name for entry in fields(Elasticity)]
+    given = {name: getattr(scene.material, name) for name in constants}
+    found = []
+    for one in (GroupMaterial(group="", **given), *scene.materials):
+        whole = replace(one, axes=one.axes or tuple(map(tuple, np.eye(d - 1, d).tolist())))
+        for turn, change in zip(turns, delta, strict=True):
+            moduli = {
+                name: tuple((1.0 + change) * np.array(value))
+                if isinstance(value := getattr(one, name), tuple)
+                else value and (1.0 + change) * value
+                for name in ("young", "shear")
+            }
+            found.append(replace(turn.of(whole), **moduli))
+    return found
 
 
 def _contacts(scene: Scene) -> list[tuple[int, int]]:
@@ -109,12 +132,8 @@ def _problems(scene: Scene) -> Problems:
                 allowed = f"must be all, that along the axis, or the other ones {what}"
                 yield Problem(f"{table}[{k}].components", allowed)
     places = regions(scene)
-    more = [(f"materials[{k}]", one) for k, one in enumerate(scene.materials)]
-    materials: list[tuple[str, Elasticity]] = [("material", scene.material), *more]
     unusual: dict[str, object] = {
-        "cyclic.mistuning": cyclic.mistuning,
         "damping.ratios": any(scene.damping.modal) and scene.damping.ratios,
-        **{f"{key}.young": not m.is_isotropic and m.young for key, m in materials},
         **{f"loads[{k}].engine_order": x.everywhere and x.order for k, x in enumerate(scene.loads)},
         **{f"{key}.box": region.box for key, region in places},
         **{f"{key}.plane": region.plane for key, region in places},

@@ -82,15 +82,16 @@ def write_disk_motion(found: DiskRun, folder: Path) -> list[Path]:
 
 
 def moved_disk(found: DiskRun, name: str) -> PolyData:
-    """The surface of the chosen sectors, with the displacement at which a probe moves most."""
+    """The surface of the chosen sectors, displaced as where one of their probes moves most."""
     import pyvista
 
     assert found.motion.coordinates is not None
     sectors = _Sectors(found)
-    moved = np.linalg.norm(found.displacement - found.displacement.mean(axis=0), axis=2)
+    probes = found.displacement[:, sectors.numbers]
+    moved = np.linalg.norm(probes - probes.mean(axis=0), axis=2)
     row = int(np.argmax(moved.max(axis=1)))
     q = found.model.sector_coordinates(found.motion.coordinates[row : row + 1])[:, 0]
     kinds = {sectors.grid.cell_type: sectors.grid.cells}
     whole = pyvista.UnstructuredGrid(kinds, sectors.grid.points)
     whole.point_data[name] = sectors.displacement(q)
-    return whole.extract_surface()
+    return whole.extract_surface(algorithm="dataset_surface")
