@@ -310,6 +310,10 @@ class DenseBody:
 
     held_times = stiffness_times
 
+    def coupled(self, matrix: csr_array, block: Any) -> Any:
+        """A sparse matrix (n, n) times a block (n, k)."""
+        return matrix @ block
+
     def gyroscopic_times(self, block: Array) -> Array:
         """G times a block (n, k), where the Coriolis force acts."""
         assert self.gyroscopic is not None

@@ -26,7 +26,7 @@ class ViscousDamping:
         stiffness: β, s.
         modal: (local, k) vectors sqrt(2 ζ_k ω_k) M φ_k.
         modes: (local, k) sqrt(2 ζ_k ω_k) φ_k.
-        dashpots: sparse (local, local) D, N s/m.
+        dashpots: sparse (local, size) D, N s/m; None without.
     """
 
     def __init__(self, structure: Structure, damping: Damping, dashpots: csr_array | None = None):
@@ -35,16 +35,15 @@ class ViscousDamping:
         Args:
             structure: the structure in its equilibrium.
             damping: the table [damping] of its scene.
-            dashpots: sparse (local, local) D, N s/m; by default there are none.
+            dashpots: sparse (local, size) D, N s/m; by default there are none.
 
         Raises:
             SceneError: there are more damping ratios than modes.
         """
         self._structure, self.stiffness = structure, damping.stiffness
-        none = csr_array((structure.local, structure.local))
-        self.dashpots = none if dashpots is None else dashpots
-        held = structure.comm.allreduce(self.dashpots.nnz > 0)
-        self.acts = bool(damping.viscous or held)
+        drags = structure.comm.allreduce(0 if dashpots is None else dashpots.nnz)
+        self.dashpots = dashpots if drags else None
+        self.acts = bool(damping.viscous or drags)
         self.modal, self.modes = np.zeros((2, structure.local, 0))
         ratios = np.array(damping.modal)
         if not np.any(ratios):
@@ -61,7 +60,8 @@ class ViscousDamping:
     def times(self, block: Array) -> Array:
         """Give the damping matrix without α M, times a block (local, k)."""
         found = self.modal @ self._structure.inner(self.modal, block)
-        found += self.dashpots @ block
+        if self.dashpots is not None:
+            found += self._structure.coupled(self.dashpots, block)
         if self.stiffness > 0.0:
             found += self.stiffness * self._structure.stiffness_times(block)
         return np.asarray(found)

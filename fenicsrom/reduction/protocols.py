@@ -132,6 +132,9 @@ class Structure(Protocol):
     def gyroscopic_times(self, block: Array) -> Array:
         """G times a block (local, k), where the Coriolis force acts."""
 
+    def coupled(self, matrix: csr_array, block: Any) -> Any:
+        """A sparse matrix (local, size) times a block (local, k) of all ranks."""
+
     def internal_force(self, u: Array) -> Array:
         """Internal force (local,) at a displacement u (local,), N."""
 

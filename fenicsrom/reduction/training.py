@@ -54,7 +54,7 @@ def train(structure: Structure, scene: Scene, moves: Moves, scenes: Sequence[Sce
         ConvergenceError, AccuracyError: a stage failed, or a motion at its start.
     """
     contacts, d = contacts_of(scene, structure.points), structure.dimension
-    x = structure.contact_rows @ structure.equilibrium
+    x = structure.comm.allreduce(structure.contact_rows @ structure.equilibrium)
     springs, closed, force = springs_of(contacts, d), closed_springs(contacts, x), 0.0 * x
     force[::d] = trial_forces(contacts, x).clip(0.0)
     spent = np.nan

@@ -126,7 +126,7 @@ def contact_frequencies(run: Run) -> None:
     contacts, d = contacts_of(study.scene, study.solid.points), study.solid.dimension
     springs = springs_of(contacts, d)
     if study.solid.joined:  # the others are in the factor already
-        closed = closed_springs(contacts, study.solid.contact_rows @ study.solid.equilibrium)
+        closed = closed_springs(contacts, study.solid.contact_displacement(study.solid.equilibrium))
         springs -= closed
         held = closed.reshape(-1, d)[:, 1:].max(axis=1) > SOFT * contacts.normal_stiffness
         if (free := np.flatnonzero((contacts.friction == 0.0) & held)).size:

@@ -351,3 +351,67 @@ def test_two_ranks_give_the_same_stresses_and_reactions(tmp_path: Path) -> None:
     for name in ("sums", "vertices", "moved", "values", "total", "largest"):
         size = np.abs(one[name]).max()
         np.testing.assert_allclose(two[name], one[name], rtol=0, atol=1e-8 * size)
+
+
+JOINTS = """
+import sys
+from pathlib import Path
+import numpy as np
+from mpi4py import MPI
+import fenicsrom as fr
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.solid import solid_of
+from fenicsrom.online.run.simulate import simulate
+from tests.boxes import stacked
+from tests.fem.test_pairs import COARSE, lap, struck
+from tests.fem.test_ties import scene_of
+
+comm = MPI.COMM_WORLD
+spring = {"group": "head1", "to": {"group": "tip"}, "stiffness": 2e4, "damping": 3.0}
+blow = struck(100.0, time={"duration": 4e-3, "step": 2e-4}, attachments=[spring])
+stored = fr.build_model(blow, comm=comm, fresh=True)
+solid = solid_of(blow, build_mesh(blow.geometry, comm))
+models = {"reduced": stored.model, "full": full_model(solid)}
+motions = {
+    f"{name} {what}": getattr(motion, what)
+    for name, motion in ((name, simulate(model, blow)) for name, model in models.items())
+    for what in ("probe", "force", "friction_dissipation")
+}
+lift = {"group": "tip", "direction": [0, 1], "force": 60.0}
+still = {"time": {"duration": 1.0, "step": 0.1}}
+lifted = lap(geometry=COARSE, loads=[lift], probe={"group": "tip"}, **still)
+path = fr.statics(lifted, comm).points[-1]
+mesh = stacked(Path(sys.argv[1]).with_name(f"{comm.size}{comm.rank}.vtu"), 3, 2, 3)
+pair = {"group": "1 low y", "against": "0 high y"}
+both = {"supports": [{"group": "0 low y"}], "loads": [
+    {"group": "1 high y", "direction": [0, -1, 0], "force": 1e4}]}
+stiff = {"normal_stiffness": 1e13, "tangential_stiffness": 1e13, "friction": 0.3}
+tied, touching = (
+    solid_of(scene, build_mesh(scene.geometry, comm))
+    for scene in (scene_of(mesh, 3, ties=[pair], **both), scene_of(mesh, 3, contacts=[pair | stiff],
+        **still, **both))
+)
+for body in (solid, tied, touching):
+    linked = body.couplings.nnz + abs(body.contact_rows).sum()
+    assert min(comm.allgather(float(linked))) > 0.0, "each rank has a part of the joint"
+squares = [body.eigenmodes(body.factor, 3)[0] for body in (tied, touching)]
+moved = comm.allreduce(tied.probe_rows @ tied.equilibrium)
+pressed = touching.contact_displacement(touching.equilibrium)
+if comm.rank == 0:
+    assert path.slipping and motions["full friction_dissipation"][-1] > 0.0
+    np.savez(
+        sys.argv[1], ranks=comm.size, path=path.probe,
+        lost=path.dissipated, squares=squares, moved=moved, pressed=pressed, **motions,
+    )
+"""
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_two_ranks_give_the_same_motion_of_bodies_that_touch(tmp_path: Path) -> None:
+    """With a spring between places, ties and paths of equilibria with friction."""
+    one, two = arrays_of_one_and_two_ranks(JOINTS, tmp_path)
+    for name, expected in one.items():
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(two[name], expected, rtol=0, atol=1e-9 * size, err_msg=name)

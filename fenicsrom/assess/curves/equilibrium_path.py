@@ -270,7 +270,7 @@ def _follow(
                 residual=point.residual,
                 deformation=body_deformation(body, found.scene, point.displacement),
                 states=point.states,
-                contact=(body.contact_rows @ point.displacement).reshape(-1, body.dimension),
+                contact=body.contact_displacement(point.displacement).reshape(-1, body.dimension),
                 dissipated=contact.dissipated if contact else 0.0,
                 kind=point.kind,
             )

@@ -362,10 +362,9 @@ def add_to_diagonal(matrix: PETSc.Mat, values: Array) -> None:
 
 
 def add_entries(matrix: PETSc.Mat, entries: csr_array) -> None:
-    """Add a sparse (local, local) matrix to the entries that a matrix has. Collective."""
+    """Add a sparse (local, size) matrix to the entries that a matrix has. Collective."""
     if matrix.comm.tompi4py().allreduce(entries.nnz) == 0:
         return
-    starts = entries.indptr.astype(PETSc.IntType)
-    columns = (matrix.getOwnershipRange()[0] + entries.indices).astype(PETSc.IntType)
+    starts, columns = (a.astype(PETSc.IntType) for a in (entries.indptr, entries.indices))
     matrix.setValuesCSR(starts, columns, entries.data, PETSc.InsertMode.ADD_VALUES)
     matrix.assemble()

@@ -59,7 +59,7 @@ def attach(
 def _to_ground(
     body: Any, places: Places, found: Attachment, key: str, unit_length: float
 ) -> tuple[csr_array, float]:
-    """Add a mass; the matrix (local, local) of a unit spring, and the measure of the place."""
+    """Add a mass; the matrix (local, size) of a unit spring, and the measure of the place."""
     spread = bool(found.stiffness_per_area or found.damping_per_area)
     weights, area = places.shares(found.place, key, spread)
     if found.place.is_mean:  # `fenicsrom.online.contact.points.shares` says why
@@ -71,14 +71,11 @@ def _to_ground(
     body.point_masses += found.mass * each
     axes = AXES[: body.dimension]
     each *= np.tile(np.isin(axes, found.components or axes), len(weights))
-    return csr_array(scipy.sparse.diags_array(each)), area
+    return csr_array(scipy.sparse.diags_array(each) @ body.own), area
 
 
 def _between(body: Any, places: Places, found: Attachment, to: Place, key: str) -> csr_array:
-    """The matrix (local, local) of a unit spring between two places."""
-    if body.comm.size > 1:
-        reason = "a spring or dashpot between two places runs on one process only"
-        raise refuse(body.source, reason, ErrorKind.PLACE, f"{key}.to")
+    """The matrix (local, size) of a unit spring between two places. Collective."""
     apart, line = _apart(places, (found.place, key), (to, f"{key}.to"))
     directions, length = np.eye(body.dimension), float(np.linalg.norm(line))
     if found.components:
@@ -86,10 +83,10 @@ def _between(body: Any, places: Places, found: Attachment, to: Place, key: str) 
     elif length > ROUNDING * body.extent:
         directions = line[None, : body.dimension] / length
     rows = csr_array(directions @ apart)
-    if not rows.nnz or abs(rows).max() <= ROUNDING:
+    if body.comm.allreduce(float(abs(rows).sum())) <= ROUNDING:
         reason = "its nodes are those of the place of the attachment: must be another place"
         raise refuse(body.source, reason, ErrorKind.PLACE, f"{key}.to")
-    return csr_array(rows.T @ rows)
+    return body.product(rows, scipy.sparse.eye_array(len(directions)))
 
 
 def set_bolts(body: Any, places: Places, bolts: Sequence[Bolt]) -> None:
@@ -114,8 +111,8 @@ def set_bolts(body: Any, places: Places, bolts: Sequence[Bolt]) -> None:
         axis = (line / length)[: body.dimension]
         body.tension -= bolt.force * (axis @ apart)
         if body.geometrically_nonlinear:
-            across = csr_array((np.eye(body.dimension) - np.outer(axis, axis)) @ apart)
-            body.couplings = csr_array(body.couplings + bolt.force / length * across.T @ across)
+            across = bolt.force / length * (np.eye(body.dimension) - np.outer(axis, axis))
+            body.couplings = csr_array(body.couplings + body.product(csr_array(apart), across))
         lines.append(line[: body.dimension])
         rows.append(csr_array(apart).toarray())
     if bolts:

@@ -17,7 +17,6 @@ matrices have twice the size, and each mode comes twice. Source: Thomas, Int. J.
 14, 1979.
 """
 
-from copy import copy
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -110,7 +109,7 @@ class CutFaces:
         away = np.linalg.norm(np.cross(self._nodes - self._point, self._axis), axis=1)
         self._central = np.flatnonzero(away < ON_AXIS * body.extent)
         names = cyclic.left, cyclic.right
-        sides = [self._side(name) for name in names]
+        sides = [Side(body, body.mesh.facets(name)) for name in names]
         angle = self._angle(*sides)
         sizes = [len(np.unique(side.nodes)) for side in sides]
         if sizes[0] > sizes[1]:  # the left face follows: it is the right one turned back
@@ -144,19 +143,6 @@ class CutFaces:
 
     def _refused(self, key: str, value: object, allowed: str) -> SceneError:
         return Where(self._body.source, f"cyclic.{key}").refuse(value, allowed, ErrorKind.PLACE)
-
-    def _side(self, name: str) -> Side:
-        """The facets of a cut face on all ranks, with the global numbers of their nodes."""
-        body, comm = self._body, self._body.comm
-        own = Side(body, body.mesh.facets(name))
-        side, index = copy(own), body.space.dofmap.index_map
-        nodes = index.local_to_global(own.nodes.astype(np.int32).ravel()).reshape(own.nodes.shape)
-        side.nodes = np.concatenate(comm.allgather(nodes))
-        side.nodes, first = np.unique(side.nodes, axis=0, return_index=True)
-        for part in ("x", "middle", "size"):
-            values = np.concatenate(comm.allgather(getattr(own, part)))
-            setattr(side, part, values[first])
-        return side
 
     def _angle(self, left: Side, right: Side) -> float:
         """The angle from the left face to the right one: ±360°/N."""
@@ -397,8 +383,8 @@ def wave_matrix(
 ) -> PETSc.Mat:
     """The matrix (2) of a wave from a matrix of the sector and P. Collective.
 
-    `more`, sparse, is added first to the matrix, or to the two copies of it that P has of a wave in
-    real and imaginary parts. It needs one rank.
+    `more`, sparse (local, size), is added first to the matrix, or to the two copies of it that P
+    has of a wave in real and imaginary parts.
     """
     size = matrix.getLocalSize()[0], matrix.getSize()[1]
     copies = constraint.getLocalSize()[0] // size[0]

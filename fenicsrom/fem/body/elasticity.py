@@ -34,11 +34,12 @@ import basix.ufl
 import dolfinx.fem.petsc
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array, diags_array, eye_array
 from scipy.spatial import cKDTree
 
 from fenicsrom.arrays import Array
@@ -60,26 +61,29 @@ class Joint(NamedTuple):
     """Contact points as springs, which add the force B k (Bᵀu − x_ref).
 
     Attributes:
+        body: the body. Every method is collective.
         rows: sparse Bᵀ (m, local).
         springs: (m,) k, N/m.
         reference: (m,) x_ref, m.
     """
 
+    body: Any
     rows: csr_array
     springs: Array
     reference: Array
 
     def force(self, u: Array) -> Array:
         """The force (local,) at a displacement u (local,), N."""
-        return np.asarray(self.rows.T @ (self.springs * (self.rows @ u - self.reference)))
+        moved = self.body.comm.allreduce(self.rows @ u)
+        return np.asarray(self.rows.T @ (self.springs * (moved - self.reference)))
 
     @property
     def stiffness(self) -> csr_array:
-        """B k Bᵀ, sparse (local, local)."""
-        return csr_array(self.rows.T @ diags_array(self.springs) @ self.rows)
+        """B k Bᵀ, sparse (local, size)."""
+        return self.body.product(self.rows, diags_array(self.springs))
 
     def tangent(self, u: Array, symmetric: bool) -> csr_array:
-        """The derivative of `force`, sparse (local, local); it is the same at all u (local,)."""
+        """The derivative of `force`, sparse (local, size); it is the same at all u (local,)."""
         return self.stiffness
 
 
@@ -112,17 +116,19 @@ class ElasticBody:
         materials: the materials of the cells.
         density: mass per volume, or per area in 2D, as a coefficient of the forms.
         inertia: the matrices of inertia forces.
-        couplings: sparse, symmetric (local, local) stiffness of springs and bolts, N/m.
+        first: global number of the first unknown that this rank owns.
+        couplings: sparse, symmetric stiffness of springs and bolts, N/m: (local, size), the rows
+            of this rank.
         bolts: the bolts, which move apart by rows (b, d, local) of the displacements.
         tension: (local,) their force on the undeformed body, N.
         joint: contacts between bodies as springs (on a path of equilibria, with friction), in
             `residual` and `tangent` only; None without.
-        room: sparse (local, local); the tangent has its entries besides those of the forms; None.
+        room: sparse (local, size); the tangent has its entries besides those of the forms; None.
         point_masses: (local,) concentrated mass at each unknown, kg.
         mass: M.
         rigid: (local, r) mass-orthonormal rigid motions that nothing holds.
         pressures: the follower pressures, a `fenicsrom.fem.body.loads.FollowerPressures`.
-        dashpots: sparse, symmetric (local, local) damping matrix of the dashpots, N s/m.
+        dashpots: sparse, symmetric (local, size) damping matrix of the dashpots, N s/m.
         warnings: sentences for the user.
     """
 
@@ -154,6 +160,7 @@ class ElasticBody:
         bs = dofmap.index_map_bs
         self.local = dofmap.index_map.size_local * bs
         self.size = dofmap.index_map.size_global * bs
+        self.first = dofmap.index_map.local_range[0] * bs
         held = held_displacements(mesh, self.space, scene.supports, scene.source)
         self.supports = scene.supports
         if mesh.sector and not scene.cyclic and not self._uses(scene, held, *mesh.sector.places):
@@ -168,7 +175,7 @@ class ElasticBody:
             self.free -= self.slanted.rank
         self.materials = Materials(mesh, scene)
         self.cut = None if scene.cyclic is None else CutFaces(self, scene.cyclic)
-        self.couplings, self.tension = csr_array((self.local, self.local)), np.zeros(self.local)
+        self.couplings, self.tension = csr_array((self.local, self.size)), np.zeros(self.local)
         self.dashpots = self.couplings.copy()
         self.bolts = no_bolts(self.dimension, self.local)
         self.joint: Any = None
@@ -197,7 +204,7 @@ class ElasticBody:
     @property
     def springs(self) -> Array:
         """(local,) stiffness of the springs at each unknown, N/m."""
-        return np.asarray(self.couplings.diagonal())
+        return np.asarray(self.couplings.diagonal(self.first))
 
     @property
     def held_matrix(self) -> csr_array:
@@ -315,6 +322,31 @@ class ElasticBody:
         mine = np.max(np.linalg.norm(nodes, axis=1), axis=0, initial=0.0)
         return np.max(self.comm.allgather(mine), axis=0)
 
+    @property
+    def own(self) -> csr_array:
+        """Sparse (local, size): the unknowns of this rank among those of all ranks."""
+        return csr_array(eye_array(self.local, self.size, k=self.first))
+
+    def product(self, rows: csr_array, middle: Any) -> csr_array:
+        """Rᵀ A R, sparse (local, size), of rows R (m, local) of all ranks and A (m, m). Collective.
+
+        R u is the sum over the ranks of their rows times what they own of u.
+        """
+        every = scipy.sparse.hstack(self.comm.allgather(rows)) if self.comm.size > 1 else rows
+        return csr_array(rows.T @ csr_array(middle) @ every)
+
+    def coupled(self, matrix: csr_array, block: Any) -> Any:
+        """A sparse matrix (local, size) times a vector or block of all ranks. Collective.
+
+        The block (local,) or (local, k) may be sparse. The ranks exchange what the matrix uses.
+        """
+        if self.comm.size == 1:
+            return matrix @ block
+        used = np.unique(np.concatenate(self.comm.allgather(np.unique(matrix.indices))))
+        mine = used[(used >= self.first) & (used < self.first + self.local)] - self.first
+        join = scipy.sparse.vstack if scipy.sparse.issparse(block) else np.concatenate
+        return matrix[:, used] @ join(self.comm.allgather(block[mine]))
+
     def translations(self) -> Array:
         """(local, d) unit translations along the axes."""
         return np.tile(np.eye(self.dimension), (self.local // self.dimension, 1))
@@ -326,7 +358,7 @@ class ElasticBody:
     def internal_force(self, u: Array) -> Array:
         """Internal force (2) minus the centrifugal force at a displacement u: (local,), N."""
         self.set_field(self._u, u)
-        force = self._vector(self._force_form) + self.couplings @ u - self.tension
+        force = self._vector(self._force_form) + self.coupled(self.couplings, u) - self.tension
         return force if self.rotation is None else force - self.rotation.centrifugal_force(u)
 
     @property
@@ -390,7 +422,9 @@ class ElasticBody:
                 a.astype(PETSc.IntType) for a in (self.room.indptr, self.room.indices)
             )
             empty = PETSc.Mat().createAIJ(
-                (self.local, self.local), csr=(starts, columns, np.zeros(self.room.nnz))
+                ((self.local, self.size),) * 2,
+                csr=(starts, columns, np.zeros(self.room.nnz)),
+                comm=self.comm,
             )
             matrix.axpy(1.0, empty, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
             empty.destroy()
@@ -438,7 +472,7 @@ class ElasticBody:
         """
         self.set_field(self._u, u)
         own = float(fem.assemble_scalar(self._energy_form))
-        own += float(u @ (0.5 * (self.couplings @ u) - self.tension))
+        own += float(u @ (0.5 * self.coupled(self.couplings, u) - self.tension))
         energy = float(self.comm.allreduce(own))
         return energy if self.rotation is None else energy + self.rotation.energy(u)
 

@@ -31,7 +31,7 @@ def free_motions_of(body: Any, scene: Scene, springs: csr_array) -> Array:
     Args:
         body: the body.
         scene: its scene.
-        springs: sparse, symmetric (local, local) stiffness of the springs, N/m.
+        springs: sparse, symmetric (local, size) stiffness of the springs, N/m.
 
     Raises:
         SceneError: they are free although there are supports; or something would move the body
@@ -47,7 +47,8 @@ def free_motions_of(body: Any, scene: Scene, springs: csr_array) -> Array:
         return motions
     if scene.supports:
         raise loose(body, found)
-    dragged, size = abs(body.dashpots @ motions), abs(body.dashpots).max()
+    dragged = abs(body.coupled(body.dashpots, motions))
+    size = max(body.comm.allgather(float(body.dashpots.data.max(initial=0.0))))
     given = {
         "rotation": body.cut is None and scene.rotation,
         "contacts": body.cut is not None and scene.contacts,

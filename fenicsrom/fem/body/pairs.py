@@ -87,35 +87,48 @@ def lagrange(kind: Any, degree: int) -> Any:
 
 
 class Side:
-    """Some facets (F,), all of one kind, with their nodes.
+    """Some facets (F,) of all ranks, all of one kind, with their nodes; the same on every rank.
 
     Attributes:
-        cells: (F,) the cell of each facet.
+        cells: (F,) the global number of the cell of each facet.
+        cell_nodes: (F, c) the global numbers of its nodes.
+        cell_x: (F, g, d) the nodes of its geometry, m.
+        material: (F,) the number of its material.
         kind: the kind of the facets, of basix.
         element: their element.
-        nodes: (F, k) the nodes of each facet.
+        nodes: (F, k) the global numbers of the nodes of each facet.
         x: (F, k, d) their places, m.
+        middle: (F, d) the mean of these places, m.
         size: (F,) the largest extent of each facet, m.
         thickness: (F,) thickness of the body there, m; 1 in 3D.
     """
 
     def __init__(self, body: Any, facets: Ints):
-        """Take some facets of a body."""
-        below = body.dimension - 1
+        """Take the facets of all ranks by their local numbers. Collective."""
+        below, domain = body.dimension - 1, body.mesh.domain
         cells, numbers = body.mesh.sides(below, facets).T
-        self.kind = basix.cell.subentity_types(body.mesh.domain.basix_cell())[below][0]
+        self.kind = basix.cell.subentity_types(domain.basix_cell())[below][0]
         self.element = lagrange(self.kind, body.geometry.degree)
-        self.cells = cells
         dofs, places = body.space.dofmap, body.space.tabulate_dof_coordinates()[:, : below + 1]
         layout, ways = dofs.dof_layout, range(int(np.max(numbers, initial=0)) + 1)
         on = np.array([layout.entity_closure_dofs(below, k) for k in ways])[numbers]
-        self.nodes = np.take_along_axis(dofs.list[cells], on, axis=1)
-        self.x = places[self.nodes]
+        of_cells, geometry = dofs.list[cells], domain.geometry
+        nodes = np.take_along_axis(of_cells, on, axis=1)
+
+        def of_all(values: Array, index: Any = None) -> Any:
+            if index is not None:
+                flat = index.local_to_global(values.astype(np.int32).ravel())
+                values = flat.reshape(values.shape)
+            return np.concatenate(body.comm.allgather(values))
+
+        self.cells = of_all(cells, domain.topology.index_map(below + 1))
+        self.cell_nodes, self.nodes = (of_all(at, dofs.index_map) for at in (of_cells, nodes))
+        self.cell_x = of_all(geometry.x[geometry.dofmap[cells], : below + 1])
+        self.material, self.x = of_all(body.materials.number[cells]), of_all(places[nodes])
         self.size = np.linalg.norm(np.ptp(self.x, axis=1), axis=1)
         self.middle = self.x.mean(axis=1)
-        materials = body.materials
-        self.thickness = np.asarray(materials.thickness)[materials.number[cells]]
-        self._inwards = places[dofs.list[cells]].mean(axis=1) - self.middle
+        self.thickness = np.asarray(body.materials.thickness)[self.material]
+        self._inwards = of_all(places[of_cells].mean(axis=1)) - self.middle
 
     def turned(self, cut: Any, rotation: Array) -> "Side":
         """The facets after a rotation (3, 3) about the axis of `cut`, a `CutFaces`."""
@@ -297,7 +310,7 @@ def opposite(
     if not seen.any():
         reason = f"other facets lie between the region and {pair.against!r}{elsewhere}"
         raise _refused(body, reason, key)
-    size = len(body.space.tabulate_dof_coordinates())
+    size = body.size // body.dimension
     return Opposite(
         hats=csr_array(sparse_rows(corners, weights[:, None] * hats, size).T),
         seen=1.0 * seen,
@@ -311,12 +324,10 @@ def opposite(
 
 
 def sides_of(body: Any, regions: dict[str, Region], key: str) -> tuple[Side, Side, Side]:
-    """The two regions of a contact or tie by their keys, and the rest of the surface.
+    """The two regions of a contact or tie by their keys, and the rest of the surface. Collective.
 
     Errors as `pair_rows`.
     """
-    if body.comm.size > 1:
-        raise _refused(body, "bodies that touch or are tied need one process", key)
     if body.slanted is not None:
         raise _refused(body, "supports must hold along the axes (components, not normal)", key)
     for where, region in regions.items():
@@ -335,7 +346,7 @@ class Averages(NamedTuple):
     """The averages (1) around P nodes of A.
 
     Attributes:
-        nodes: (P,) the nodes.
+        places: (P, d) the places of the nodes, m.
         area: (P,) a_i, m².
         whole: area of A, m².
         mean: sparse (P, q) the averages of values at the points of the quadrature.
@@ -343,7 +354,7 @@ class Averages(NamedTuple):
         second: the same of u_B(Y).
     """
 
-    nodes: Ints
+    places: Array
     area: Array
     whole: float
     mean: csr_array
@@ -357,13 +368,15 @@ class Averages(NamedTuple):
 
 
 def averages(
-    body: Any, pair: Contact | Tie, key: str, found: Opposite, turn: Array | None = None
+    body: Any, pair: Contact | Tie, key: str, a: Side, found: Opposite, turn: Array
 ) -> Averages:
     """The averages around the nodes of A; arguments and errors as `opposite`.
 
     `turn` (d, d) is T of a neighbour.
     """
-    x = body.space.tabulate_dof_coordinates()
+    d = body.dimension
+    x = np.zeros((body.size // d, d))
+    x[a.nodes] = a.x
     area, whole = found.hats @ found.seen, found.hats @ np.ones(len(found.seen))
     kept = np.flatnonzero(area > LEAST_SHARE * whole)
     if not kept.size:
@@ -377,12 +390,12 @@ def averages(
     mean = scale[0] @ found.hats[kept] @ scale[1]
     free = np.ones(body.local)
     free[body.clamped] = 0.0
-    own = np.eye(body.dimension)
+    own = body.own.T @ scipy.sparse.diags_array(free)
     first, second = (
-        csr_array(scipy.sparse.kron(mean @ part, way) @ scipy.sparse.diags_array(free))
-        for part, way in ((found.first, own), (found.second, own if turn is None else turn))
+        csr_array(scipy.sparse.kron(mean @ part, way) @ own)
+        for part, way in ((found.first, np.eye(d)), (found.second, turn))
     )
-    return Averages(kept, area, float(whole.sum()), mean, first, second)
+    return Averages(x[kept], area, float(whole.sum()), mean, first, second)
 
 
 class PairRows(NamedTuple):
@@ -410,10 +423,10 @@ def _of_neighbour(cut: Any, sides: tuple[Side, ...]) -> tuple[tuple[Side, ...], 
 
 
 def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
-    """The contact points of a contact between two regions of a body, at the nodes of the first one.
+    """The contact points between two regions of a body, at the nodes of the first. Collective.
 
     Args:
-        body: the body, on one rank; its `pairs` take a sentence on what lies opposite.
+        body: the body; its `pairs` take a sentence on what lies opposite.
         contact: the contact; `against` names the second region.
         number: number of the contact in the scene.
 
@@ -433,8 +446,8 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
     if contact.neighbour:
         sides, sense, turn = _of_neighbour(body.cut, sides)
     found = opposite(body, contact, key, sides)
-    around = averages(body, contact, key, found, turn[:d, :d])
-    x = body.space.tabulate_dof_coordinates()[around.nodes, :d]
+    around = averages(body, contact, key, sides[0], found, turn[:d, :d])
+    x = around.places
     frames = np.array([frame(n / np.linalg.norm(n)) for n in around.mean @ found.normal])
     gap = around.mean @ found.gap
     gap[np.abs(gap) < SHUT * sides[0].size.mean()] = 0.0

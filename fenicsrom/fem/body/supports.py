@@ -242,7 +242,7 @@ def free_motions(body: Any, springs: csr_array) -> RigidMotions:
 
     Args:
         body: the body.
-        springs: sparse, symmetric (local, local) stiffness of the springs, N/m.
+        springs: sparse, symmetric (local, size) stiffness of the springs, N/m.
     """
     d, comm = body.dimension, body.comm
     piece, count = node_pieces(body.mesh, body.space)
@@ -261,7 +261,7 @@ def free_motions(body: Any, springs: csr_array) -> RigidMotions:
     moments /= np.maximum(comm.allreduce(times), 1.0).repeat(m)
     # relative to the sum of absolute values, whose rounding springs within a piece leave
     products = (fields, springs), (abs(fields), abs(springs))
-    sprung, size = (comm.allreduce((f.T @ k @ f).toarray()) for f, k in products)
+    sprung, size = (comm.allreduce((f.T @ body.coupled(k, f)).toarray()) for f, k in products)
     moments += sprung / max(float(size.max()), np.finfo(float).tiny)
     values, vectors = np.linalg.eigh(moments)
     return RigidMotions(fields, moments, vectors[:, values < COINCIDENT])

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
+from fenicsrom.arrays import Array
 from fenicsrom.fem.body.pairs import (
     Opposite,
     Side,
@@ -31,7 +32,6 @@ from fenicsrom.fem.body.pairs import (
     sparse_rows,
     tell,
 )
-from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.scene import Region, Tie
 
 STIFFNESS = 1e3
@@ -41,11 +41,11 @@ NEAR = 0.1
 """Largest distance of tied facets, relative to a facet, if the scene gives no reach."""
 
 
-def tie(body: Any, one: Tie, number: int) -> tuple[csr_array, Ints]:
-    """The stiffness (2) of a tie, sparse (local, local), N/m, and the nodes i.
+def tie(body: Any, one: Tie, number: int) -> tuple[csr_array, Array]:
+    """The stiffness (2) of a tie, (local, size), N/m, and the places (P, d) of the i. Collective.
 
     Args:
-        body: the body, on one rank; its `pairs` take a sentence on what lies opposite.
+        body: the body; its `pairs` take a sentence on what lies opposite.
         one: the tie.
         number: its number in the scene.
 
@@ -58,24 +58,24 @@ def tie(body: Any, one: Tie, number: int) -> tuple[csr_array, Ints]:
     a, b, _ = sides = sides_of(body, regions, key)
     size = float(a.size.mean())
     found = opposite(body, replace(one, reach=one.reach or NEAR * size), key, sides, whole=True)
-    around = averages(body, one, key, found._replace(second=_continued(body, b, found)))
+    found = found._replace(second=_continued(body, b, found))
+    around = averages(body, one, key, a, found, np.eye(body.dimension))
     tell(body, one, place, around, around.mean @ found.gap, (a, b))
-    used = np.unique(body.materials.number[np.concatenate([a.cells, b.cells])])
+    used = np.unique(np.concatenate([a.material, b.material]))
     modulus = max(float(np.abs(body.materials.tensor(k)).max()) for k in used)
     springs = STIFFNESS * modulus / size * around.area.repeat(body.dimension)
-    return csr_array(around.moved.T @ diags_array(springs) @ around.moved), around.nodes
+    return body.product(around.moved, diags_array(springs)), around.places
 
 
 def _continued(body: Any, side: Side, found: Opposite) -> csr_array:
     """Sparse rows (q, nodes) of the displacement u_B at the points X that B lies opposite."""
-    domain, space = body.mesh.domain, body.space
+    domain = body.mesh.domain
     element = lagrange(domain.basix_cell(), body.geometry.degree)
-    d, geometry = body.dimension, domain.geometry
     cells, values = side.cells[found.on], np.zeros((len(found.on), element.dim))
     seen = found.seen > 0.0
     for cell in np.unique(cells[seen]):
         mine = np.flatnonzero(seen & (cells == cell))
-        corners = geometry.x[geometry.dofmap[cell], :d]
-        points = geometry.cmap.pull_back(found.place[mine], corners)
+        corners = side.cell_x[found.on[mine[0]]]
+        points = domain.geometry.cmap.pull_back(found.place[mine], corners)
         values[mine] = element.tabulate(0, points)[0, :, :, 0]
-    return sparse_rows(space.dofmap.list[cells], values, len(space.tabulate_dof_coordinates()))
+    return sparse_rows(side.cell_nodes[found.on], values, body.size // body.dimension)

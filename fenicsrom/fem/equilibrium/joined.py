@@ -50,17 +50,17 @@ class Rubbing:
 
     dissipated = 0.0
 
-    def __init__(self, rows: csr_array, contacts: Contacts, u: Array):
-        """Begin with points that carry no friction at a displacement u (local,)."""
+    def __init__(self, body: Any, contacts: Contacts, u: Array):
+        """Begin with points of a body that carry no friction at a displacement u (local,)."""
         count, d = contacts.axes.shape[:2]
-        self._rows, self._shape = rows, (count, d)
+        self._body, self._rows, self._shape = body, body.contact_rows, (count, d)
         states = [zero_contact_state(count, d) for _ in range(2)]
         scratch, x = contact_scratch(count, d), self._displacement(u)
         at_rest(contacts, x, x, 0.0, states[0], scratch)
         self._step = ContactStep(contacts, Interval(0.0, 0.0, 0.0, False), *states, scratch)
 
     def _displacement(self, u: Array) -> Array:
-        return np.ascontiguousarray((self._rows @ u).reshape(self._shape))
+        return np.ascontiguousarray(self._body.contact_displacement(u).reshape(self._shape))
 
     def force(self, u: Array) -> Array:
         """The force (local,) at a displacement u (local,), N."""
@@ -68,7 +68,7 @@ class Rubbing:
         return np.asarray(self._rows.T @ self._step.scratch.mean_force.ravel())
 
     def tangent(self, u: Array, symmetric: bool) -> csr_array:
-        """The derivative of `force`, sparse (local, local).
+        """The derivative of `force`, sparse (local, size).
 
         With constant limits of friction it is symmetric.
         """
@@ -77,7 +77,7 @@ class Rubbing:
         if symmetric:
             blocks[:, 1:, 0] = blocks[:, 0, 1:]
         law = scipy.sparse.bsr_array((blocks, numbers[:-1], numbers))
-        return csr_array(self._rows.T @ law @ self._rows)
+        return csr_array(self._body.product(self._rows, law))
 
     def states(self, u: Array) -> NDArray[np.int8]:
         """The states (P,) of the points at a displacement u (local,): OPEN, SLIP or STICK."""
@@ -111,7 +111,7 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
 
         def solve(springs: Springs, changed: bool) -> Array:
             nonlocal u
-            body.joint = Joint(rows, *springs)
+            body.joint = Joint(body, rows, *springs)
             if changed:
                 held = free_motions(body, csr_array(body.couplings + body.joint.stiffness))
                 if held.free.shape[1] > body.free_motions.shape[1]:
@@ -121,12 +121,13 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
                 u = statics.follow(u, body.residual(u, rest), load)
             else:
                 u = -body.factor.solve(body.residual(rest, load)[:, None])[:, 0]
-            return np.asarray(rows @ u)
+            return np.asarray(body.contact_displacement(u))
 
         start = Springs(body.joint.springs, body.joint.reference)
-        body.joint = Joint(rows, *together.bring_together(contacts, start, solve))
-        require_planes(contacts, body.points, rows @ u, body.source)
-        _note_slide(body, rows @ u)
+        body.joint = Joint(body, rows, *together.bring_together(contacts, start, solve))
+        x = body.contact_displacement(u)
+        require_planes(contacts, body.points, x, body.source)
+        _note_slide(body, x)
         if bends:
             statics.finish(u, load)
         else:

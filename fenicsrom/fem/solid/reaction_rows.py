@@ -151,7 +151,7 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
 
     velocity = np.zeros((tests.shape[1], vectors.shape[1]))
     centrifugal = np.zeros((tests.shape[1], fields.shape[1]))
-    springs = solid.inner(tests, solid.couplings @ fields)
+    springs = solid.inner(tests, solid.coupled(solid.couplings, fields))
     frame = solid.rotation
     if frame is not None:
         form = compiled_form(density * frame.out_of_axis(frame.arm, test) * solid.dx)
@@ -167,7 +167,7 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
     static[:, 0] -= solid.inner(tests, (solid.tension - solid.wall_force)[:, None])[:, 0]
     if (viscous := solid.viscous).acts:
         velocity += mass_products(viscous.modes) @ solid.inner(viscous.modal, vectors)
-        velocity += solid.inner(tests, viscous.dashpots @ vectors)
+        velocity += solid.inner(tests, solid.coupled(solid.dashpots, vectors))
         if viscous.stiffness > 0.0:
             strains = solid.inner(solid.unclamped_tangent_times(tests), vectors)
             velocity += viscous.stiffness * (strains + static[:, 1:])

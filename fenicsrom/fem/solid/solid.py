@@ -110,7 +110,7 @@ class Solid(ElasticBody):
         deflections: (local, k) nonlinear static deflections of the first of several bases, or None.
         joined: whether there are contacts between bodies; their closed points are in the `factor`.
         pairs: a sentence on each of them, and on each tie.
-        tied: the nodes of each tie.
+        tied: (k, d) the places of the nodes of each tie, m.
         probe_rows: (d, local) displacement of the probe in global axes; (0, local) without a probe.
         probe_position: (3,) position of the probe, m.
         load_vectors: (local, loads) load vectors of unit loads, at the equilibrium.
@@ -155,16 +155,16 @@ class Solid(ElasticBody):
         self._set_contacts(scene.contacts)
         self.tied = []
         for k, one in enumerate(scene.ties):
-            stiffness, nodes = tie(self, one, k)
+            stiffness, places = tie(self, one, k)
             self.couplings = csr_array(self.couplings + stiffness)
-            self.tied.append(nodes)
+            self.tied.append(places)
         springs = self.couplings
         set_bolts(self, self._places, scene.bolts)
         self.joined = scene.joined
         if self.joined:
             self._contacts = contacts_of(scene, self.points)
             self._paired = paired(scene, self.points)
-            self.joint = Joint(self.contact_rows, *all_closed(self._contacts, self._paired))
+            self.joint = self._closed_joint()
             springs = csr_array(springs + self.joint.stiffness)
         linked = self.joined or scene.ties or any(one.to for one in scene.attachments)
         if not linked and (sentence := pieces_apart(mesh, self.space)):
@@ -181,8 +181,8 @@ class Solid(ElasticBody):
             self.equilibrium: Array = np.zeros(self.local) + known.displacement
             self.unstable = known.unstable
             if self.joined:
-                x = self.contact_rows @ self.equilibrium
-                self.joint = Joint(self.contact_rows, *sticking(self._contacts, x))
+                x = self.contact_displacement(self.equilibrium)
+                self.joint = Joint(self, self.contact_rows, *sticking(self._contacts, x))
             self._set_follower_loads()
         else:
             self._find_equilibrium()
@@ -210,9 +210,13 @@ class Solid(ElasticBody):
         elif not self.spins:
             check_snap(self, linear)
 
+    def _closed_joint(self) -> Joint:
+        """The joint of bodies that touch at all contact points."""
+        return Joint(self, self.contact_rows, *all_closed(self._contacts, self._paired))
+
     def _bring_together(self) -> None:
         """Compute the equilibrium of bodies that touch; the factor and the load vectors follow."""
-        self.joint = Joint(self.contact_rows, *all_closed(self._contacts, self._paired))
+        self.joint = self._closed_joint()
         self.equilibrium = bring_together(self, self._contacts, self._bends)
         if not self.symmetric:
             self._renew(self.factor)
@@ -244,17 +248,17 @@ class Solid(ElasticBody):
         found = abs(self.couplings) + abs(self.dashpots)
         if self.joined:
             rows = abs(self.contact_rows)
-            found = found + rows.T @ rows
-        inside = found.nnz == np.count_nonzero(found.diagonal())
-        return None if inside else csr_array(found)
+            found = found + self.product(rows, scipy.sparse.eye_array(rows.shape[0]))
+        outside = found.nnz - np.count_nonzero(found.diagonal(self.first))
+        return csr_array(found) if self.comm.allreduce(outside) else None
 
     def let_rub(self) -> Rubbing | None:
         """Let the contacts of bodies that touch open, slip and stick from the equilibrium on."""
         if self.joint is not None:
             d, rows = self.dimension, abs(self.contact_rows)
-            of_points = scipy.sparse.kron(np.eye(rows.shape[0] // d), np.ones((d, d))) @ rows
-            self.room = csr_array(self.room + rows.T @ of_points)
-            self.joint = Rubbing(self.contact_rows, self._contacts, self.equilibrium)
+            of_points = scipy.sparse.kron(np.eye(rows.shape[0] // d), np.ones((d, d)))
+            self.room = csr_array(self.room + self.product(rows, of_points))
+            self.joint = Rubbing(self, self._contacts, self.equilibrium)
         return self.joint
 
     @cached_property
@@ -397,7 +401,8 @@ class Solid(ElasticBody):
         """Force (local,) on rigid surfaces that bodies which touch press at rest, N."""
         if self.joint is None:
             return np.zeros(self.local)
-        pushed = self.joint.springs * (self.contact_rows @ self.equilibrium - self.joint.reference)
+        x = self.contact_displacement(self.equilibrium)
+        pushed = self.joint.springs * (x - self.joint.reference)
         return np.asarray(self.contact_rows.T @ (pushed * ~np.repeat(self._paired, self.dimension)))
 
     @property
@@ -411,7 +416,7 @@ class Solid(ElasticBody):
         pulls = np.einsum("bd,bdu->ub", line, self.bolts.apart)
         if self.joint is None:
             return pulls
-        x, springs = self.contact_rows @ self.equilibrium, self.joint.springs
+        x, springs = self.contact_displacement(self.equilibrium), self.joint.springs
         normal = np.arange(x.size) % self.dimension == 0
         kinds = normal * springs, springs * (x - self.joint.reference), ~normal * springs * x
         of_point = np.repeat(self.points.contact, self.dimension)
@@ -429,6 +434,10 @@ class Solid(ElasticBody):
     def viscous(self) -> ViscousDamping:
         """The damping besides α M at the equilibrium."""
         return ViscousDamping(self, self._damping, self.dashpots)
+
+    def contact_displacement(self, u: Array) -> Array:
+        """Contact displacements (m,) of a displacement u (local,), m. Collective."""
+        return np.asarray(self.comm.allreduce(self.contact_rows @ u))
 
     def stiffness_times(self, block: Array) -> Array:
         """K times a block (local, k)."""
@@ -496,7 +505,7 @@ class Solid(ElasticBody):
             chunks = self.tabulate(vectors, self.equilibrium, degree, cells)
             products = products + strain_products(chunks, self.materials.tensor(k), n)
         elastic = elastic_polynomial(self.comm.allreduce(products), n)
-        held = self.couplings @ np.column_stack([self.equilibrium, vectors])
+        held = self.coupled(self.couplings, np.column_stack([self.equilibrium, vectors]))
         held[:, 0] -= self.tension
         if not self.comm.allreduce(bool(held.any())):
             return elastic

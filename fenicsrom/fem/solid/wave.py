@@ -150,7 +150,7 @@ def _sticking(sector: Solid, h: int, stuck: bool) -> csr_array | None:
     rows = rows.real if sector.cut.is_real(h) else paired(rows)
     springs = sector.joint.springs * (stuck | ~np.repeat(sector.between, sector.dimension))
     springs = np.repeat(springs, rows.shape[0] // springs.size)
-    return Joint(csr_array(rows), springs, np.zeros(springs.size)).stiffness
+    return Joint(sector, csr_array(rows), springs, np.zeros(springs.size)).stiffness
 
 
 def wave(sector: Solid, h: int, stuck: bool = True) -> closing[Wave]:

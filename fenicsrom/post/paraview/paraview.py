@@ -310,8 +310,8 @@ def contact_equilibrium(study: Study) -> Array:
     """The displacements (P, 3) of the contact points in the equilibrium, m. Collective."""
     solid, frames = study.solid, study.points.frame
     points, d = frames.shape[:2]
-    local = np.sum(solid.comm.allgather(solid.contact_rows @ solid.equilibrium), axis=0)
-    return vtk.in_space(np.einsum("pk,pkx->px", local.reshape(points, d), frames))
+    local = solid.contact_displacement(solid.equilibrium).reshape(points, d)
+    return vtk.in_space(np.einsum("pk,pkx->px", local, frames))
 
 
 def shapes(study: Study) -> dict[str, dict[str, Any]]:

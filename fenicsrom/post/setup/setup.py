@@ -152,9 +152,9 @@ def gathered_marks(
         for found in scene.attachments
         for kind, label in _attached(found, scene.units, lengths[found.place])
     ]
-    for one, nodes in zip(scene.ties, solid.tied, strict=True):
-        places = solid.space.tabulate_dof_coordinates()[nodes]
-        marks.append(Mark("tie", f'tie of "{one.group}" and "{one.against}"', "s", places))
+    for one, places in zip(scene.ties, solid.tied, strict=True):
+        label = f'tie of "{one.group}" and "{one.against}"'
+        marks.append(Mark("tie", label, "s", in_space(places)))
     forms = zip(itertools.cycle(CONTACT_FORMS), scene.contacts, strict=False)
     for k, (form, contact) in enumerate(forms):
         mine = solid.points.contact == k
