@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 pytest.importorskip("meshio")
 pytest.importorskip("dolfinx")
+import pyvista
 from mpi4py import MPI
 
 from fenicsrom import build_disk, load_disk, response, simulate
@@ -166,7 +168,8 @@ def test_wave_of_shrouds_that_stick_is_that_of_the_matrices_of_the_disk(tmp_path
 def test_response_of_a_disk_writes_its_wave(tmp_path: Path) -> None:
     """And a stored disk the same curve; its points have no verdict."""
     table = {"first": 150.0, "last": 230.0}
-    scene = blades(tmp_path, 5, 170.0, response=table, output={"pictures": False})
+    output = {"pictures": False, "motion": True, "stresses": "none"}
+    scene = blades(tmp_path, 5, 170.0, response=table, output=output)
     found = response(scene, MPI.COMM_SELF, folder=tmp_path / "out")
     told = json.loads((tmp_path / "out" / "response.json").read_text())
     assert (told["nodal_diameters"], told["direction"]) == (1, "forward")
@@ -174,12 +177,19 @@ def test_response_of_a_disk_writes_its_wave(tmp_path: Path) -> None:
     assert curve["largest"]["stability"] == "not judged" and curve["harmonics"] >= 7
     assert max(check["step_error"] for check in curve["checks"]) < 2e-4
     assert max(check["basis_error"] for check in curve["checks"]) < 2e-5
-    assert all(any(file.match(name) for name in RESULTS) for file in found.files)
+    written = [file for file in found.files if file.parent == tmp_path / "out"]
+    assert all(any(file.match(name) for name in RESULTS) for file in written)
     with np.load(tmp_path / "out" / "motions.npz") as motions:
         moved = motions["largest_displacement"][:, 0, 1]
     top = curve["largest"]["amplitude_tangential_m"]
     assert np.ptp(moved) / 2.0 == pytest.approx(top, rel=1.5e-4)
     stored = load_disk(tmp_path / "out" / "reduced_model.npz")
+    (shown, *_) = sorted((tmp_path / "out/motions/largest/motion").glob("*.vtu"))
+    disk = pyvista.read(shown)
+    pairs = cKDTree(disk.points).query_pairs(1e-6, output_type="ndarray")
+    there, here = disk["displacement_m"][pairs].swapaxes(0, 1)
+    assert len(pairs) >= 2 * N  # cut faces of neighbours lie on each other
+    np.testing.assert_allclose(there, here, atol=1e-6 * np.abs(disk["displacement_m"]).max())
     trained = Trained((1e3,), (0.1,), amplitude=1.0, duration=0.0, dissipation=0.0)
     again = response(replace(stored, trained=trained))
     assert any("loads.0.force is 2000, and was 1000" in note for note in again.warnings)

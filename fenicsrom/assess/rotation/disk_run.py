@@ -92,12 +92,6 @@ class DiskRun:
         """The scene of a sector."""
         return self.disk.scene
 
-    @property
-    def chosen(self) -> list[int]:
-        """The sectors whose stresses and displacements are wanted."""
-        wanted = self.scene.output.sectors
-        return [*range(self.mistuning.size)] if isinstance(wanted, str) else sorted(set(wanted))
-
     @cached_property
     def displacement(self) -> Array:
         """(ns, N, d) displacement of the probes over the last period, in their sectors' frames."""
@@ -208,12 +202,20 @@ def _implausible(disk: StoredDisk, motion: Motion) -> list[Note]:
 
 
 def reduction_notes(disk: StoredDisk) -> list[Note]:
-    """Notes on a disk, and on waves that its reduction changes."""
+    """Notes on a disk, on waves that its reduction changes, and on output that it cannot give."""
     (h, error), found = disk.wave_error, disk.warnings
     if error > WAVE_ERROR:
         text = f"the reduction changes frequencies of waves with {counted(h, 'nodal diameter')} by "
         text += f"{100.0 * error:.2g} %: raise basis.modes"
         found.append(Note(NoteKind.ERROR, text, "basis.modes", quantity=FREQUENCIES))
+    wanted = {
+        "output.stresses": disk.scene.output.stresses != "none",
+        "output.motion": disk.scene.output.motion,
+    }
+    for key in filter(wanted.get, wanted if disk.table is None else ()):
+        text = f"{key} has no effect: the disk was stored without the points of its stresses; run "
+        text += "the scene again, without --from"
+        found.append(Note(NoteKind.LEFT_OUT, text, key))
     return found
 
 
@@ -260,14 +262,6 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
         found.unfinished = failure
     except KeyboardInterrupt:
         found.interrupted = True
-    wanted = {
-        "output.stresses": scene.output.stresses != "none",
-        "output.motion": scene.output.motion,
-    }
-    for key in filter(wanted.get, wanted if disk.table is None else ()):
-        text = f"{key} has no effect: the disk was stored without the points of its stresses; run "
-        text += "the scene again, without --from"
-        warnings.append(Note(NoteKind.LEFT_OUT, text, key))
     moving = [each for each in (motion, found.tuned) if each and each.period is not None]
     varying = [each for each in moving if not each.steady]
     if scene.time.steady_tolerance and not found.ended and varying:

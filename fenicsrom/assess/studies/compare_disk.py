@@ -94,13 +94,9 @@ def compare_disk(scene: Scene, comm: Any, stop: Callable[[], bool]) -> Compariso
     outcomes, interrupted = try_each(wanted, attempt, stop)
     warned = [*body.warnings, *_disk_notes(told, len(outcomes)), *outcome_notes(scene, outcomes)]
     if deviations(scene).any() and body.loaded:
-        text = (
-            "mistuning changes the moduli of the whole disk, but the stiffness of reduced sectors "
-        )
-        text += (
-            "about an equilibrium that is alike in all of them: under rotation and static loads "
-        )
-        warned.append(Note(NoteKind.REMARK, text + "they differ", "cyclic.mistuning"))
+        text = "mistuning changes the moduli of the whole disk, but in reduced sectors the "
+        text += "stiffness about one equilibrium: rotation and static loads make a difference"
+        warned.append(Note(NoteKind.REMARK, text, "cyclic.mistuning"))
     return Comparison(
         scene,
         outcomes,

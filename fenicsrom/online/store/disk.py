@@ -87,6 +87,13 @@ class StoredDisk:
         """Number of coordinates of the sector, those of the following face left out."""
         return self.model.size - self.sector.shapes
 
+    @property
+    def chosen(self) -> list[int]:
+        """The sectors whose stresses and displacements are wanted."""
+        wanted, cyclic = self.scene.output.sectors, self.scene.cyclic
+        assert cyclic is not None
+        return [*range(cyclic.sectors)] if isinstance(wanted, str) else sorted(set(wanted))
+
     def _with_scene(self, scene: Scene, source: str) -> StoredDisk:
         """As `with_scene`; messages name this source of the scene."""
         require_same_model(self.scene, scene, source)

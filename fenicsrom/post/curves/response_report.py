@@ -21,6 +21,7 @@ from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.curve import BIFURCATIONS, CurvePoint
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.shooting import recorded_motion
+from fenicsrom.online.store.disk import StoredDisk
 from fenicsrom.post.base.page import Report, Section
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.plot import Detail, Dots, Item, Line, Panel, Plot, Text
@@ -28,6 +29,7 @@ from fenicsrom.post.base.style import COLOURS, missing_module
 from fenicsrom.post.base.tables import rows_of, table_of, write_arrays
 from fenicsrom.post.curves import response_figures, response_tables
 from fenicsrom.post.curves.response_tables import peak_figure
+from fenicsrom.post.paraview.disk_motion import write_wave
 from fenicsrom.post.paraview.paraview import write_last_period
 from fenicsrom.post.run.motion_figures import state_map, state_samples
 from fenicsrom.post.run.report import MULTIPLIER_NOTE
@@ -320,6 +322,9 @@ def write(found: Response, stored: Reduced, folder: Path, study: Study | None = 
     files = [write_motion_arrays(motions, folder)] if first else []
     if study is not None and found.scene.output.motion:
         files += write_motion_fields(study, motions, folder)
+    if isinstance(stored, StoredDisk) and found.scene.output.motion:
+        for name, (_, motion, _) in motions.items():
+            files += write_wave(stored, motion, folder / FOLDER / name)
     if not first:
         return []
     shown = found.scene.output.pictures and not missing_module("bokeh")

@@ -10,6 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.rotation.disk_run import DiskRun
+from fenicsrom.online.model.disk_model import lag_of
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.store.disk import StoredDisk
 from fenicsrom.online.stress.stress import von_mises
 from fenicsrom.post.paraview import vtk
 from fenicsrom.post.paraview.paraview import DISPLACEMENT, frame_rows, write_index
@@ -26,11 +29,11 @@ class _Sectors:
         numbers: (S,) of the sectors.
     """
 
-    def __init__(self, found: DiskRun):
+    def __init__(self, disk: StoredDisk):
         """Turn the cells of one sector."""
-        table, cyclic = found.disk.table, found.scene.cyclic
+        table, cyclic = disk.table, disk.scene.cyclic
         assert table is not None and cyclic is not None
-        self._table, self.numbers = table, np.array(found.chosen)
+        self._table, self.numbers = table, np.array(disk.chosen)
         axis = np.array(cyclic.axis or (0.0, 0.0, 1.0))
         angles = 2.0 * np.pi / cyclic.sectors * self.numbers
         self._turns = Rotation.from_rotvec(angles[:, None] * axis).as_matrix()
@@ -58,14 +61,41 @@ def write_disk_motion(found: DiskRun, folder: Path) -> list[Path]:
     """Write the ParaView files of the last period; none without a table. On one rank.
 
     Raises:
-        OSError: a file cannot be written.
+        OSError: the file cannot be written.
     """
-    motion, measure = found.motion, found.scene.output.stresses
+    motion = found.motion
     if found.disk.table is None or motion.coordinates is None:
         return []
-    sectors, rows = _Sectors(found), frame_rows(motion)
-    coordinates = motion.coordinates[rows - motion.time.size]
-    each = found.model.sector_coordinates(coordinates).transpose(1, 0, 2)
+    rows = frame_rows(motion)
+    every = found.model.sector_coordinates(motion.coordinates[rows - motion.time.size])
+    series = _write_sectors(found.disk, motion.time[rows], every, folder)
+    return [*write_index(folder, [series]), series]
+
+
+def write_wave(disk: StoredDisk, motion: Motion, folder: Path) -> list[Path]:
+    """Write the ParaView files of a wave; none without a table. On one rank.
+
+    Args:
+        disk: the disk.
+        motion: a period of sector 0. The next sector is ahead of it by the lag of the loads.
+        folder: folder of the files.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    cyclic = disk.scene.cyclic
+    if disk.table is None or motion.coordinates is None or cyclic is None:
+        return []
+    rows, own = frame_rows(motion), motion.coordinates[1:]
+    orders, sectors = np.arange(len(own) // 2 + 1), np.arange(cyclic.sectors)
+    ahead = np.exp(1j * lag_of(disk.scene) * np.multiply.outer(sectors, orders))
+    every = np.fft.irfft(ahead[:, :, None] * np.fft.rfft(own, axis=0), len(own), axis=1)
+    return [_write_sectors(disk, motion.time[rows], every[:, rows - 1], folder)]
+
+
+def _write_sectors(disk: StoredDisk, time: Array, every: Array, folder: Path) -> Path:
+    """Write the instants (k,) of the coordinates (N, k, n) of all sectors."""
+    sectors, measure, each = _Sectors(disk), disk.scene.output.stresses, every.transpose(1, 0, 2)
     per_sector = len(sectors.grid.cells) // len(sectors.numbers)
     numbers = np.repeat(sectors.numbers, per_sector).astype(np.int64)
 
@@ -77,8 +107,7 @@ def write_disk_motion(found: DiskRun, folder: Path) -> list[Path]:
         vtk.write_vtu(place / name, sectors.grid, vtk.Attached(points, {"sector": numbers}))
         return name
 
-    series = vtk.write_instants(folder / "motion", motion.time[rows], write)
-    return [*write_index(folder, [series]), series]
+    return vtk.write_instants(folder / "motion", time, write)
 
 
 def moved_disk(found: DiskRun, name: str) -> PolyData:
@@ -86,7 +115,7 @@ def moved_disk(found: DiskRun, name: str) -> PolyData:
     import pyvista
 
     assert found.motion.coordinates is not None
-    sectors = _Sectors(found)
+    sectors = _Sectors(found.disk)
     probes = found.displacement[:, sectors.numbers]
     moved = np.linalg.norm(probes - probes.mean(axis=0), axis=2)
     row = int(np.argmax(moved.max(axis=1)))
