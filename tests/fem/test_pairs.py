@@ -267,8 +267,25 @@ def test_body_that_friction_alone_holds_is_the_named_cause(tmp_path: Path) -> No
             {**load, "force": 1.0, "frequency": 1.0},
         ],
     )
-    with pytest.raises(ConvergenceError, match=r"about 1e\+03 N, and only friction holds it"):
+    with pytest.raises(ConvergenceError, match=r"holds 1 translation of the piece .* 0.05 to"):
         solid(scene)
+
+
+def test_tangential_stiffness_may_be_small_and_none_may_be_huge(tmp_path: Path) -> None:
+    more: dict[str, Any] = {
+        "supports": [{"group": "0 low y"}],
+        "loads": [
+            {"group": "1 high y", "pressure": 1e6},
+            {"group": "1 high x", "force": 1.0, "direction": [1.0, 0.0], "frequency": 1.0},
+        ],
+    }
+    pair = {"group": "1 low y", "against": "0 high y"}
+    mesh = stacked(tmp_path / "two.vtu", 2, 3, 2)
+    body = solid(scene_of(mesh, 2, pair | {"tangential_stiffness": 5e3}, **more))
+    assert hertz(body, 1) == pytest.approx(np.sqrt(5e3 / (7800.0 * 0.05)) / 2 / np.pi, rel=1e-5)
+    for name in ("normal_stiffness", "tangential_stiffness"):
+        with refusal(ErrorKind.RANGE, f"contacts[0].{name}", names="N/m³"):
+            solid(scene_of(mesh, 2, pair | {name: 1e21}, **more))
 
 
 def test_region_without_a_facet_opposite_is_refused(tmp_path: Path) -> None:
@@ -311,7 +328,7 @@ def test_gap_of_the_mesh_or_of_the_scene_holds(tmp_path: Path) -> None:
     near = contact | {"reach": 0.5e-3}
     with refusal(ErrorKind.PLACE, "contacts[0].against", names="0.001 m away"):
         solid(scene_of(mesh, 2, near, supports=held, loads=load))
-    with pytest.raises(ConvergenceError, match="press it on"):
+    with pytest.raises(ConvergenceError, match="press the body on"):
         solid(scene_of(mesh, 2, contact, supports=held[:1], loads=load))
     rolling = [{"group": "0 low y", "components": ["y"]}]
     with refusal(ErrorKind.SUPPORT, "supports", names="1 translation of"):

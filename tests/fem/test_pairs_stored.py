@@ -98,7 +98,7 @@ def test_joint_whose_bolts_push_has_no_equilibrium(stored: fr.StoredModel) -> No
     pulls = np.array([-1.01 * bolt.force for bolt in scene.bolts])
     elastic = model.bolts.pulled(model.elastic, pulls, scene.geometrically_nonlinear)
     contacts, paired = contacts_of(scene, model.points), np.full(model.points.contact.size, True)
-    with pytest.raises(fr.ConvergenceError, match="press it on"):
+    with pytest.raises(fr.ConvergenceError, match="press the body on"):
         together(model._replace(elastic=elastic), contacts, paired)
 
 

@@ -53,6 +53,18 @@ def test_interference_presses_rings_as_lame_says(tmp_path: Path) -> None:
     assert forces(body).sum() / area == pytest.approx(expected, rel=2e-3)
 
 
+def test_ring_that_friction_alone_keeps_from_turning_is_pressed_on(tmp_path: Path) -> None:
+    """Facets that do not match give a tiny moment, which soft springs have to hold."""
+    mesh = rings(tmp_path / "rings.vtu", (0.05, 0.075, 2, 12), (0.075, 0.1, 2, 17))
+    pair = {"group": "1 low", "against": "0 high", "gap": -1e-5, "normal_stiffness": 1e14}
+    load = [{"group": "1 high", "force": 1.0, "direction": [1.0, 0.0], "frequency": 1.0}]
+    more = {"supports": [{"group": "0 low"}], "loads": load, "geometrically_nonlinear": True}
+    bodies = [
+        solid(scene_of(mesh, 2, pair | {"tangential_stiffness": k}, **more)) for k in (1e11, 1e14)
+    ]
+    np.testing.assert_allclose(*map(forces, bodies), rtol=1e-9)
+
+
 def ring_mesh(path: Path, radii: list[tuple[float, float]], around: int, across: int) -> Path:
     """Rings of 0.1 mm, of one layer of quadratic hexahedra, with groups of their edges."""
     places = [*CORNERS, *((CORNERS[a] + CORNERS[b]) // 2 for a, b in ENDS)]

@@ -50,6 +50,7 @@ from fenicsrom.fem.body.materials import Materials
 from fenicsrom.fem.body.rotation import Inertia, RotatingFrame
 from fenicsrom.fem.body.supports import Held, Slanted, conditions, held_displacements
 from fenicsrom.fem.mesh.mesh import ROUNDING, Mesh
+from fenicsrom.fem.mesh.named_groups import require_groups
 from fenicsrom.notes import Note, NoteKind, note_of
 from fenicsrom.online.model.bolts import no_bolts
 from fenicsrom.scene import Scene
@@ -81,6 +82,11 @@ class Joint(NamedTuple):
     def stiffness(self) -> csr_array:
         """B k Bᵀ, sparse (local, size)."""
         return self.body.product(self.rows, diags_array(self.springs))
+
+    @property
+    def directions(self) -> csr_array:
+        """The stiffness if all springs had 1 N/m: it tells what they hold."""
+        return self._replace(springs=np.sign(self.springs)).stiffness
 
     def tangent(self, u: Array, symmetric: bool) -> csr_array:
         """The derivative of `force`, sparse (local, size); it is the same at all u (local,)."""
@@ -140,11 +146,12 @@ class ElasticBody:
         """Clamp the supports and compile the forms.
 
         Raises:
-            SceneError: a support or a group of cells is missing.
+            SceneError: the mesh lacks a group of the scene, or a support holds nothing.
         """
         self.mesh, self.source = mesh, scene.source
         self.geometry, self.material = scene.geometry, scene.material
         self.comm = mesh.domain.comm
+        require_groups(mesh, scene)
         self.warnings = [*map(note_of, mesh.warnings)]
         if self.geometry.degree == 1:
             text = (

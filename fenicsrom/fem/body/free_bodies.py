@@ -8,6 +8,7 @@ is in balance with the inertia forces of this acceleration. It deforms the body,
 relative to its rigid motion.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,13 +26,13 @@ ROUNDING = 1e-9
 """A smaller part of a load that deforms a free body, or of its rigid motions, counts as zero."""
 
 
-def free_motions_of(body: Any, scene: Scene, springs: csr_array) -> Array:
+def free_motions_of(body: Any, scene: Scene, springs: Sequence[csr_array]) -> Array:
     """The rigid motions (local, r) that neither supports nor springs hold. Collective.
 
     Args:
         body: the body.
         scene: its scene.
-        springs: sparse, symmetric (local, size) stiffness of the springs, N/m.
+        springs: as `free_motions`.
 
     Raises:
         SceneError: they are free although there are supports; or something would move the body

@@ -31,6 +31,7 @@ from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints, points_on
 from fenicsrom.online.contact.surfaces import frame
+from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.keys.contacts import Contact, Tie
 from fenicsrom.scene.keys.places import Region
 from fenicsrom.words import counted
@@ -75,6 +76,10 @@ PARTS = {
 
 SIMPLICES = {"interval": [[0, 1]], "triangle": [[0, 1, 2]], "quadrilateral": [[0, 1, 2], [3, 2, 1]]}
 """The corners of the simplices into which a facet is divided."""
+
+STIFFEST = 1e6
+"""Largest stiffness of a contact, by the modulus of the bodies over a facet: stiffer contacts lose
+digits, and their bodies can hardly be brought together."""
 
 BETWEEN = 1e-6
 """A facet between two points lies by this part of their distance away from both."""
@@ -435,9 +440,9 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
         the contact between itself and the next one.
 
     Raises:
-        SceneError: a region is inside a body, the regions share nodes or do not face each other,
-            no part of B lies opposite A or near enough, other facets lie between them, or A lies
-            inside B and the scene gives no gap.
+        SceneError: a stiffness is out of range, a region is inside a body, the regions share nodes
+            or do not face each other, no part of B lies opposite A or near enough, other facets
+            lie between them, or A lies inside B and the scene gives no gap.
     """
     place, d = f"contacts[{number}]", body.dimension
     key, second = f"{place}.against", Region(group=contact.against)
@@ -445,6 +450,7 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
     sides: tuple[Side, ...] = sides_of(body, {f"{place}.group": contact.place, key: second}, key)
     if contact.neighbour:
         sides, sense, turn = _of_neighbour(body.cut, sides)
+    _require_range(body, contact, place, sides)
     found = opposite(body, contact, key, sides)
     around = averages(body, contact, key, sides[0], found, turn[:d, :d])
     x = around.places
@@ -467,6 +473,21 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
     used = gap if contact.has_mesh_gaps else np.full(len(x), contact.gap or 0.0)
     tell(body, contact, place, around, used, sides[:2])
     return PairRows(own, ahead, points_on(number, around.area, x, frames, gap=gap))
+
+
+def modulus_of(body: Any, sides: tuple[Side, ...]) -> float:
+    """The largest entry of the elasticity tensors behind both regions, Pa."""
+    used = np.unique(np.concatenate([side.material for side in sides[:2]]))
+    return max(float(np.abs(body.materials.tensor(k)).max()) for k in used)
+
+
+def _require_range(body: Any, contact: Contact, place: str, sides: tuple[Side, ...]) -> None:
+    """Refuse a stiffness that is far beyond that of the bodies."""
+    most = STIFFEST * modulus_of(body, sides) / float(sides[0].size.mean())
+    for name in ("normal_stiffness", "tangential_stiffness"):
+        if (given := getattr(contact, name)) > most:
+            allowed = f"must be at most {most:.3g} N/m³, {STIFFEST:g} times the stiffness of one "
+            raise Where(body.source, f"{place}.{name}").refuse(given, f"{allowed}cell of the body")
 
 
 def tell(

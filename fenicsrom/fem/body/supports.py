@@ -32,7 +32,7 @@ from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
-from fenicsrom.fem.mesh.gmsh_model import WAYS_OUT, apart, ends_of
+from fenicsrom.fem.mesh.gmsh_model import MOST_PIECES, WAYS_OUT, apart, boxes, ends_of
 from fenicsrom.fem.mesh.mesh import NEAR, ROUNDING, Ints, Mesh
 from fenicsrom.scene import Support
 from fenicsrom.scene.keys.places import AXES
@@ -237,12 +237,12 @@ class RigidMotions(NamedTuple):
     free: Array
 
 
-def free_motions(body: Any, springs: csr_array) -> RigidMotions:
+def free_motions(body: Any, springs: Sequence[csr_array]) -> RigidMotions:
     """Find the rigid motions of pieces that neither supports nor springs hold. Collective.
 
     Args:
         body: the body.
-        springs: sparse, symmetric (local, size) stiffness of the springs, N/m.
+        springs: sparse, symmetric (local, size) stiffnesses, N/m; the size of each is no matter.
     """
     d, comm = body.dimension, body.comm
     piece, count = node_pieces(body.mesh, body.space)
@@ -260,9 +260,10 @@ def free_motions(body: Any, springs: csr_array) -> RigidMotions:
     moments = comm.allreduce((fields.T @ held @ fields).toarray())
     moments /= np.maximum(comm.allreduce(times), 1.0).repeat(m)
     # relative to the sum of absolute values, whose rounding springs within a piece leave
-    products = (fields, springs), (abs(fields), abs(springs))
-    sprung, size = (comm.allreduce((f.T @ body.coupled(k, f)).toarray()) for f, k in products)
-    moments += sprung / max(float(size.max()), np.finfo(float).tiny)
+    for some in springs:
+        products = (fields, some), (abs(fields), abs(some))
+        sprung, size = (comm.allreduce((f.T @ body.coupled(k, f)).toarray()) for f, k in products)
+        moments += sprung / max(float(size.max()), np.finfo(float).tiny)
     values, vectors = np.linalg.eigh(moments)
     return RigidMotions(fields, moments, vectors[:, values < COINCIDENT])
 
@@ -273,18 +274,38 @@ def loose(body: Any, found: RigidMotions) -> SceneError:
     pieces = found.moments.diagonal().reshape(-1, 3 * (d - 1)).max(axis=1)
     if untouched := int((pieces == 0.0).sum()):
         return _untouched(body.mesh, supports, untouched)
-    where = "" if len(pieces) == 1 else f" of the {len(pieces)} connected pieces of the mesh"
-    reason = f"they leave {_named_motions(found.free, d)}{where} free, so the stiffness is "
+    reason = f"they leave {free_pieces(body, found)} free, so the stiffness is "
     reason += "singular; clamp more nodes or components, or hold them by springs or contacts"
     return refuse(body.source, reason, ErrorKind.SUPPORT, "supports")
 
 
+def free_pieces(body: Any, found: RigidMotions) -> str:
+    """Name the motions that nothing holds, and the pieces of the mesh that have them. Collective.
+
+    Such as "1 translation of the piece of the mesh at (0 to 1, 0 to 2) m".
+    """
+    d, (low, high) = body.dimension, _ends(body.mesh, body.space)
+    motions = _named_motions(found.free, d)
+    if len(low) == 1:
+        return motions
+    moves = np.abs(found.free).reshape(len(low), -1).max(axis=1) > np.sqrt(COINCIDENT)
+    named = boxes(low[moves], high[moves])
+    more = ", .." * (len(named) > MOST_PIECES)
+    some = "the piece" if len(named) == 1 else "the pieces"
+    return f"{motions} of {some} of the mesh at {', '.join(named[:MOST_PIECES])}{more} m"
+
+
 def pieces_apart(mesh: Mesh, space: fem.FunctionSpace) -> str:
     """A sentence on the pieces of the mesh that share no node; empty for one. Collective."""
+    return apart(*_ends(mesh, space))
+
+
+def _ends(mesh: Mesh, space: fem.FunctionSpace) -> tuple[Array, Array]:
+    """Lowest and highest coordinates (k, d) of the pieces of the mesh, m. Collective."""
     d, (piece, count) = mesh.domain.geometry.dim, node_pieces(mesh, space)
     ends = ends_of(piece, space.tabulate_dof_coordinates()[:, :d], count)
     lows, highs = zip(*mesh.domain.comm.allgather(ends), strict=True)
-    return apart(np.min(lows, axis=0), np.max(highs, axis=0))
+    return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
 def rigid_motions(arm: Array, d: int) -> Array:

@@ -27,6 +27,7 @@ from fenicsrom.fem.body.pairs import (
     Side,
     averages,
     lagrange,
+    modulus_of,
     opposite,
     sides_of,
     sparse_rows,
@@ -61,9 +62,7 @@ def tie(body: Any, one: Tie, number: int) -> tuple[csr_array, Array]:
     found = found._replace(second=_continued(body, b, found))
     around = averages(body, one, key, a, found, np.eye(body.dimension))
     tell(body, one, place, around, around.mean @ found.gap, (a, b))
-    used = np.unique(np.concatenate([a.material, b.material]))
-    modulus = max(float(np.abs(body.materials.tensor(k)).max()) for k in used)
-    springs = STIFFNESS * modulus / size * around.area.repeat(body.dimension)
+    springs = STIFFNESS * modulus_of(body, sides) / size * around.area.repeat(body.dimension)
     return body.product(around.moved, diags_array(springs)), around.places
 
 

@@ -20,7 +20,7 @@ from scipy.sparse import csr_array
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.body.elasticity import Joint
-from fenicsrom.fem.body.supports import free_motions
+from fenicsrom.fem.body.supports import free_motions, free_pieces
 from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact import together
@@ -109,13 +109,17 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
     u = rest
     with closing(Statics(body, body.factor, overwrite=body.symmetric)) as statics:
 
+        def free(springs: Springs) -> str:
+            found = free_motions(body, [body.couplings, Joint(body, rows, *springs).directions])
+            more = found.free.shape[1] > body.free_motions.shape[1]
+            return free_pieces(body, found) if more else ""
+
         def solve(springs: Springs, changed: bool) -> Array:
             nonlocal u
             body.joint = Joint(body, rows, *springs)
             if changed:
-                held = free_motions(body, csr_array(body.couplings + body.joint.stiffness))
-                if held.free.shape[1] > body.free_motions.shape[1]:
-                    raise ConvergenceError(LOOSE, u)
+                if loose := free(springs):
+                    raise ConvergenceError(LOOSE.format(loose), u)
                 statics.renew(u if bends else rest)
             if bends:
                 u = statics.follow(u, body.residual(u, rest), load)
@@ -124,7 +128,7 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
             return np.asarray(body.contact_displacement(u))
 
         start = Springs(body.joint.springs, body.joint.reference)
-        body.joint = Joint(body, rows, *together.bring_together(contacts, start, solve))
+        body.joint = Joint(body, rows, *together.bring_together(contacts, start, solve, free))
         x = body.contact_displacement(u)
         require_planes(contacts, body.points, x, body.source)
         _note_slide(body, x)

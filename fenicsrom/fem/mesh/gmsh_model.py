@@ -60,19 +60,24 @@ def ends_of(piece: Ints, x: Floats, count: int) -> Floats:
     return np.array([low, -high])
 
 
+def boxes(low: Floats, high: Floats) -> list[str]:
+    """Name pieces of a mesh by their corners (k, d) in m."""
+    size = float(np.max(high - low))
+    low, high = (size * (np.round(end / size, 6) + 0.0) for end in (low, high))
+    return [
+        f"({', '.join(f'{a:.4g} to {b:.4g}' for a, b in zip(*ends, strict=True))})"
+        for ends in zip(low, high, strict=True)
+    ]
+
+
 def apart(low: Floats, high: Floats) -> str:
     """Name the pieces of a mesh by their corners (k, d); empty for one piece."""
     if (number := len(low)) == 1:
         return ""
-    size = float(np.max(high - low))
-    low, high = (size * (np.round(end[:MOST_PIECES] / size, 6) + 0.0) for end in (low, high))
-    boxes = [
-        f"({', '.join(f'{a:.4g} to {b:.4g}' for a, b in zip(*ends, strict=True))})"
-        for ends in zip(low, high, strict=True)
-    ]
+    named = ", ".join(boxes(low, high)[:MOST_PIECES])
     return (
         f"the mesh has {number} pieces that share no node, so they do not feel each other and "
-        f"may pass through each other: {', '.join(boxes)}{', ..' * (number > MOST_PIECES)} m; "
+        f"may pass through each other: {named}{', ..' * (number > MOST_PIECES)} m; "
         f"{WAYS_OUT}"
     )
 

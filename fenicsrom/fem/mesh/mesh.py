@@ -180,9 +180,6 @@ class Mesh:
         name = where.group if isinstance(where, Region) else where
         below = self.domain.topology.dim - 1
         if name not in self.node_groups:
-            if self.node_groups and not self.has_facets(where):
-                known = self.facet_groups.keys() | self.node_groups.keys()
-                raise self._unknown("facet or node group", str(name), known)
             return {below: self.facets(where)}
         vertices, edges = self.node_groups[name]
         found: dict[int, Ints] = {0: vertices} | ({1: edges} if below == 2 else {})

@@ -158,14 +158,14 @@ class Solid(ElasticBody):
             stiffness, places = tie(self, one, k)
             self.couplings = csr_array(self.couplings + stiffness)
             self.tied.append(places)
-        springs = self.couplings
+        springs = [self.couplings]
         set_bolts(self, self._places, scene.bolts)
         self.joined = scene.joined
         if self.joined:
             self._contacts = contacts_of(scene, self.points)
             self._paired = paired(scene, self.points)
             self.joint = self._closed_joint()
-            springs = csr_array(springs + self.joint.stiffness)
+            springs.append(self.joint.directions)
         linked = self.joined or scene.ties or any(one.to for one in scene.attachments)
         if not linked and (sentence := pieces_apart(mesh, self.space)):
             self.warnings.append(Note(NoteKind.APART, sentence, "geometry"))

@@ -18,17 +18,23 @@ from fenicsrom.online.contact.surfaces import PLANE, Contacts
 from fenicsrom.scene.base.rules import Where
 
 SOFT = 1e-6
-"""Tangential springs of the search, relative to k_t: stiffer ones make their ends follow slowly."""
+"""Tangential springs of the search, relative to k_n: stiffer ones make their ends follow slowly."""
 
 LEFT = 1e-9
 """Tangential forces that the soft springs may carry in the end, relative to the normal forces."""
+
+HELD = 1e-6
+"""The same if they fall no more: a motion along the contact that next to nothing drives."""
+
+FALLS = 0.99
+"""Tangential forces fall if a solution leaves less than this part of them."""
 
 CHANGES = 60
 """Largest number of solutions until the closed points are known."""
 
 LOOSE = (
-    "the contacts of a piece of the mesh open under the static loads, and no support holds it: "
-    "press it on by a bolt or a load"
+    "the contacts open under the static loads, and no support holds {}: press the body on by a "
+    "bolt or a load"
 )
 """Why a piece that contacts alone hold has no equilibrium."""
 
@@ -49,15 +55,19 @@ class Springs(NamedTuple):
         return self.springs * (x - self.reference)
 
 
-def sticking(contacts: Contacts, x: Array, soft: float = 1.0) -> Springs:
-    """The closed points at displacements x (m,) as springs: they keep their normal forces there.
-
-    `soft` is a factor of the tangential springs.
-    """
-    d, reference, springs = contacts.axes.shape[1], x.copy(), closed_springs(contacts, x)
-    reference[::d] -= trial_forces(contacts, x) / contacts.normal_stiffness
-    springs[np.arange(springs.size) % d > 0] *= soft
+def sticking(contacts: Contacts, x: Array) -> Springs:
+    """The closed points at displacements x (m,) as springs: they keep their normal forces there."""
+    reference, springs = x.copy(), closed_springs(contacts, x)
+    reference[:: contacts.axes.shape[1]] -= trial_forces(contacts, x) / contacts.normal_stiffness
     return Springs(springs, reference)
+
+
+def _sliding(contacts: Contacts, x: Array) -> Springs:
+    """The same with the soft tangential springs of the search, where there are tangential ones."""
+    found = sticking(contacts, x)
+    springs = found.springs.reshape(-1, contacts.axes.shape[1])
+    springs[:, 1:] = SOFT * springs[:, :1] * (springs[:, 1:] > 0.0)
+    return found
 
 
 def all_closed(contacts: Contacts, paired: NDArray[np.bool_]) -> Springs:
@@ -69,11 +79,14 @@ def all_closed(contacts: Contacts, paired: NDArray[np.bool_]) -> Springs:
     x = np.zeros(count * d)
     closed = paired | ((trial_forces(contacts, x) >= 0.0) & (contacts.kind == PLANE))
     x[::d] = np.where(closed, contacts.radius + 1.0, 0.0)
-    return sticking(contacts, x, SOFT)
+    return _sliding(contacts, x)
 
 
 def bring_together(
-    contacts: Contacts, start: Springs, solve: Callable[[Springs, bool], Array]
+    contacts: Contacts,
+    start: Springs,
+    solve: Callable[[Springs, bool], Array],
+    free: Callable[[Springs], str] = lambda springs: "",
 ) -> Springs:
     """Find the points that are closed in equilibrium.
 
@@ -82,6 +95,7 @@ def bring_together(
         start: the springs of the first solution.
         solve: gives the contact displacements (m,) of the equilibrium with springs, and is told
             whether other points are closed than in the solution before.
+        free: names the bodies that springs do not hold, and their motions.
 
     Returns:
         The closed points at the equilibrium, which stick.
@@ -89,17 +103,19 @@ def bring_together(
     Raises:
         ConvergenceError: the search does not end; or as `solve`.
     """
-    now, changed = start, False
+    now, changed, shear = start, False, np.inf
     normal = np.arange(now.springs.size) % contacts.axes.shape[1] == 0
     for _ in range(CHANGES):
-        x, before = solve(now, changed), now
+        x, before, last = solve(now, changed), now, shear
         shear = float(np.sum(np.abs(before.force(x))[~normal]))
-        slides = shear > LEFT * np.sum(np.maximum(trial_forces(contacts, x), 0.0))
-        now = sticking(contacts, x, SOFT)
+        least = HELD if not changed and shear > FALLS * last else LEFT
+        slides = shear > least * np.sum(np.maximum(trial_forces(contacts, x), 0.0))
+        now = _sliding(contacts, x)
         changed = not np.array_equal(now.springs, before.springs)
         if not (changed or slides):
             return sticking(contacts, x)
-    raise ConvergenceError(_restless(slides, shear), x)
+    along = free(now._replace(springs=now.springs * normal))
+    raise ConvergenceError(_restless(slides, shear, along or "it"), x)
 
 
 def require_planes(contacts: Contacts, points: ContactPoints, x: Array, source: str) -> None:
@@ -116,13 +132,13 @@ def require_planes(contacts: Contacts, points: ContactPoints, x: Array, source: 
         raise where.refuse("a table", allowed, ErrorKind.CONFLICT)
 
 
-def _restless(slides: bool, shear: float) -> str:
-    """Why the search for the closed points does not end."""
+def _restless(slides: bool, shear: float, free: str) -> str:
+    """Why the search for the closed points does not end; `free` names what friction alone holds."""
     if slides:
         return (
             f"static loads push a body along its contacts with about {shear:.3g} N, and only "
-            "friction holds it; bodies are brought together without friction: hold the body along "
-            "the contact by a support, or let this load begin with the motion"
+            f"friction holds {free}; bodies are brought together without friction: hold "
+            "the body along the contact by a support, or let this load begin with the motion"
         )
     return (
         f"some contact points open and close in turn, still after {CHANGES} solutions: lower "

@@ -293,7 +293,7 @@ def together(model: ReducedModel, contacts: Contacts, paired: NDArray[np.bool_])
         tangent = elastic(springs, q if found is None else found)[1]
         scale = 1.0 / np.sqrt(np.abs(np.diag(tangent)))
         if np.abs(np.linalg.eigvalsh(scale[:, None] * tangent * scale)).min() < HELD:
-            raise ConvergenceError(LOOSE, q)
+            raise ConvergenceError(LOOSE.format("a piece of the mesh"), q)
         if found is None:
             reason = "Newton's method finds no equilibrium of the bodies that touch in the "
             raise ConvergenceError(f"{reason}coordinates of the model; run the scene again", q)
