@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.cli.arguments import refused
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.scene import Scene, read_scene
 from fenicsrom.scene.reading.overrides import names_of
 from fenicsrom.scene.reading.reading import read_toml
@@ -84,6 +84,7 @@ def source(options: argparse.Namespace, unloaded: bool) -> tuple[Any, Any, Scene
             stored = stored.with_scene(read_scene(options.scene, options.overrides, mesh=False))
         else:
             stored = stored.with_overrides(options.overrides)
+        _require_effect(options, stored.scene)
         return comm, stored, stored.scene
     if options.scene is None:
         resuming = getattr(options, "resume", None)
@@ -92,12 +93,31 @@ def source(options: argparse.Namespace, unloaded: bool) -> tuple[Any, Any, Scene
         raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
     comm = comm or all_ranks()
     scene = read_scene(options.scene, options.overrides, unloaded=unloaded)
+    _require_effect(options, scene)
     return comm, scene, scene
+
+
+def _require_effect(options: argparse.Namespace, scene: Any) -> None:
+    """Refuse --set for a number that the curves of `response` set themselves."""
+    if options.name != "response" or (table := scene.response) is None:
+        return
+    varied = {"response.parameter": table.parameter}
+    if table.families is not None:
+        varied["response.families.key"] = table.families.key
+    for by, key in varied.items():
+        if ".".join(names_of(key)) in _set_keys(options):
+            allowed = f"--set has no effect on it, because {by} varies it: set the values there"
+            raise refuse(scene.source, allowed, ErrorKind.CONFLICT, key)
+
+
+def _set_keys(options: argparse.Namespace) -> set[str]:
+    """The keys of --set."""
+    return {".".join(names_of(override.partition("=")[0])) for override in options.overrides}
 
 
 def given_keys(options: argparse.Namespace) -> set[str]:
     """The keys that the user gave in the scene file and by --set, such as "output.motion"."""
-    keys = {".".join(names_of(override.partition("=")[0])) for override in options.overrides}
+    keys = _set_keys(options)
     for name, value in (read_toml(options.scene) if options.scene is not None else {}).items():
         keys |= {f"{name}.{key}" for key in value} if isinstance(value, dict) else {name}
     return keys

@@ -346,6 +346,12 @@ def test_command_does_not_replace_files_that_it_reads_or_others(results, tmp_pat
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+def test_number_that_the_curves_vary_is_refused_as_an_override(tmp_path, capsys):
+    call = ["response", str(DEMOS / "response_2d.toml"), "--output", str(tmp_path / "out")]
+    assert main([*call, "--set", "loads[0].force=3"]) == 2  # response.families.key
+    assert "loads.0.force: --set has no effect" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", ["run", "modes", "response", "map", "statics", "sweep"])
 def test_command_without_dolfinx_says_so(tmp_path, capsys, monkeypatch, command):
     monkeypatch.setitem(sys.modules, "mpi4py", None)

@@ -22,6 +22,7 @@ from fenicsrom.fem.body.stress_points import stress_table
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.reaction_rows import reaction_table
 from fenicsrom.fem.solid.solid import Solid, solid_of
+from fenicsrom.notes import NoteKind
 from fenicsrom.online.contact.points import trial_forces
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.scene_changes import Trained, changed_key, shares_model
@@ -106,6 +107,7 @@ def test_constant_pressure_passes_between_meshes_that_do_not_match(
     assert body.points.tributary_area.sum() == pytest.approx(0.1 * (1.0 if d == 2 else 0.06))
 
 
+BOLT = {"head": "head2", "nut": "nut2", "force": 4000.0}
 PAIR = {
     **{"group": "upper", "against": "lower", "friction": 0.3},
     **{"normal_stiffness": 2e13, "tangential_stiffness": 1e13},
@@ -119,7 +121,7 @@ def lap(group: str = "upper", against: str = "lower", **more: Any) -> Scene:
         "material": STEEL,
         "supports": [{"group": "root"}],
         "contacts": [{**PAIR, "group": group, "against": against}],
-        "bolts": [{"head": f"head{k}", "nut": f"nut{k}", "force": 4000.0} for k in (1, 2)],
+        "bolts": [BOLT | {"head": "head1", "nut": "nut1"}, BOLT],
         "loads": [{"node": [0.5, 0.02], "direction": [0, 1], "force": 60.0, "frequency": 30.0}],
         "probe": {"node": [0.5, 0.02]},
         "time": {"periods": 1},
@@ -244,6 +246,16 @@ def test_springs_to_the_ground_hold_a_joint_whose_bolts_press_it() -> None:
     springs = [{"group": name, "stiffness": 1e6} for name in ("root", "tip")]
     body = solid(lap(supports=[], attachments=springs))
     assert forces(body).max() > 0.0 and body.free_motions.shape[1] == 0
+
+
+def test_bolt_with_both_ends_on_one_body_is_implausible() -> None:
+    ends = {"nut1": [], "head2": ["bolts[0].head = 'head1' and bolts[0].nut = 'head2' are on one"]}
+    for nut, expected in ends.items():
+        bolts = [{"head": "head1", "nut": nut, "force": 4e3}, BOLT]
+        body = solid(lap(bolts=bolts))
+        said = [note for note in body.warnings if note.kind is NoteKind.IMPLAUSIBLE]
+        assert [expected[k] in note for k, note in enumerate(said)] == [True] * len(expected)
+        body.destroy()
 
 
 def test_slide_of_a_frictionless_start_is_named() -> None:

@@ -15,8 +15,9 @@ from test_pairs import COARSE, PAIR, bars, forces, lap, scene_of, solid, stacked
 
 import fenicsrom as fr
 from fenicsrom.cli import main
+from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
-from fenicsrom.scene import Load, Scene, toml_text
+from fenicsrom.scene import Load, Scene, Statics, toml_text
 
 
 def pulled(load: float, friction: float, *contacts: Any) -> Scene:
@@ -88,7 +89,7 @@ def test_tangent_of_contacts_on_a_path_is_the_derivative_of_their_force() -> Non
 
 
 def test_path_ends_where_friction_no_longer_holds_the_body(tmp_path: Path) -> None:
-    """The upper block slides as a whole at μ N = 0.1 · 100 kN."""
+    """The upper block slides as a whole at μ N = 0.1 · 100 kN. Without the pressure it is free."""
     scene = scene_of(
         stacked(tmp_path / "two.vtu", 2, 3, 2),
         2,
@@ -107,6 +108,10 @@ def test_path_ends_where_friction_no_longer_holds_the_body(tmp_path: Path) -> No
     assert (found.reason, found.unfinished, found.special) == ("sliding", None, [])
     assert last.load_factor == pytest.approx(0.1, rel=1e-9)
     assert last.slipping == last.closed > 0 and found.direction == 0  # not that of the pressure
+    with pytest.raises(
+        ConvergenceError, match=r"at the load factor 0, without loads\[0\]: the cont"
+    ):
+        fr.statics(replace(scene, statics=Statics(loads=(0,))), MPI.COMM_SELF)
 
 
 def test_bodies_that_touch_need_no_times_where_nothing_moves(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from fenicsrom.online.contact.state import OPEN, SLIP
 from fenicsrom.online.stress.stress import Deformation
 from fenicsrom.progress import log, working_time
 from fenicsrom.scene import Scene
-from fenicsrom.words import brief, counted
+from fenicsrom.words import brief, counted, enumerated
 
 if TYPE_CHECKING:
     from fenicsrom.fem.paths.equilibrium_path import PathFollower, PathPoint
@@ -227,7 +227,12 @@ def _body(scene: Scene, varied: list[int], comm: Any) -> Solid:
     log.info("mesh ..")
     mesh = build_mesh(scene.geometry, comm)
     log.info("solid ..")
-    return solid_of(_without(scene, varied), mesh)
+    try:
+        return solid_of(_without(scene, varied), mesh)
+    except ConvergenceError as error:
+        loads = enumerated([f"loads[{k}]" for k in varied])
+        reason = f"statics: at the load factor 0, without {loads}: {error}; statics.loads chooses "
+        raise ConvergenceError(f"{reason}the loads that the factor multiplies") from error
 
 
 def _without(scene: Scene, varied: list[int]) -> Scene:

@@ -21,7 +21,9 @@ from scipy.sparse import csr_array
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.fem.body.places import Places
+from fenicsrom.fem.body.supports import node_pieces
 from fenicsrom.fem.mesh.mesh import ROUNDING
+from fenicsrom.notes import implausible
 from fenicsrom.online.model.bolts import Bolts
 from fenicsrom.scene import Attachment, Bolt, Place
 from fenicsrom.scene.keys.places import AXES
@@ -115,8 +117,27 @@ def set_bolts(body: Any, places: Places, bolts: Sequence[Bolt]) -> None:
             body.couplings = csr_array(body.couplings + body.product(csr_array(apart), across))
         lines.append(line[: body.dimension])
         rows.append(csr_array(apart).toarray())
+        _note_one_body(body, rows[-1], bolt, f"bolts[{k}]")
     if bolts:
         body.bolts = Bolts(np.array(lines), np.array(rows))
+
+
+def _note_one_body(body: Any, apart: Array, bolt: Bolt, key: str) -> None:
+    """Warn of a bolt, by its R (d, local), whose force meets no contact: both ends are on one body.
+
+    The body may have a contact with itself, as a clamp with a slit. Collective.
+    """
+    piece, d = node_pieces(body.mesh, body.space)[0].repeat(body.dimension), body.dimension
+    contact = np.repeat(body.points.contact, d)
+    sets = [apart, *(body.contact_rows[contact == k] for k in np.unique(contact))]
+    touched = [{*piece[csr_array(rows).indices].tolist()} for rows in sets]
+    bolted, *pairs = (
+        set().union(*parts) for parts in zip(*body.comm.allgather(touched), strict=True)
+    )
+    if len(bolted) == 1 and bolted not in pairs:
+        text = f"{key}.head = {bolt.head!r} and {key}.nut = {bolt.nut!r} are on one body: the bolt "
+        text += "presses no contact"
+        body.warnings.append(implausible(text))
 
 
 def _apart(places: Places, one: tuple[Place, str], other: tuple[Place, str]) -> tuple[Array, Array]:
