@@ -15,6 +15,7 @@ The names below are the public interface. Each is imported from its module on fi
 `import fenicsrom` is fast, and it loads only the modules that the caller uses.
 """
 
+import re
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from fenicsrom.post.base.page import Report
     from fenicsrom.post.reports import report
     from fenicsrom.post.run.pictures import view
+    from fenicsrom.progress import asking
     from fenicsrom.records import Study
     from fenicsrom.reduction.modes import component_modes
     from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
@@ -58,44 +60,25 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-_MODULES = {
-    "errors": ("AccuracyError", "ConvergenceError", "ErrorKind", "SceneError"),
-    "scene": ("Scene", "make_scene", "parse_scene", "read_scene"),
-    "fem.mesh.mesh": ("Mesh", "build_mesh", "mesh_from_dolfinx", "mesh_from_gmsh_model"),
-    "fem.solid.solid": ("Solid", "build_solid", "solid_of"),
-    "fem.full.full": ("FullModel",),
-    "reduction.modes": ("component_modes",),
-    "reduction.stages": ("choose", "differentiate", "enrich", "reduce"),
-    "online.curves.solutions": ("Solutions", "follow"),
-    "online.model.model": ("ReducedModel",),
-    "online.store.archive": ("StoredModel", "load_disk", "load_model", "save_model"),
-    "online.store.disk": ("StoredDisk",),
-    "online.model.matrices": ("ModelArrays", "model_arrays"),
-    "online.run.simulate": ("simulate",),
-    "online.motion.motion": ("History", "Motion", "read_history"),
-    "online.motion.measures": ("amplitudes", "contact_fractions"),
-    "records": ("Study",),
-    "study": (
-        *("backbone", "build_disk", "build_model", "campbell", "compare", "interaction_map"),
-        *("modes", "response", "ringdown", "run", "run_disk", "stability", "statics", "sweep"),
-    ),
-    "fem.mesh.inspection": ("inspect",),
-    "post.reports": ("report",),
-    "post.run.pictures": ("view",),
-    "post.base.page": ("Report",),
-}
-"""The public names of each module."""
+with open(__file__, encoding="utf-8") as _file:
+    _MODULES = {
+        name: module
+        for module, names in re.findall(
+            r"^    from (fenicsrom\.\S+) import (\([^)]*\)|.+)$", _file.read(), re.MULTILINE
+        )
+        for name in re.findall(r"\w+", names)
+    }
+"""The module of each public name: the imports above, which only type checkers read."""
 
-__all__ = sorted(name for names in _MODULES.values() for name in names)
+__all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name from its module on first use (PEP 562)."""
-    for module, names in _MODULES.items():
-        if name in names:
-            value = getattr(import_module(f"{__name__}.{module}"), name)
-            globals()[name] = value
-            return value
+    if name in _MODULES:
+        value = getattr(import_module(_MODULES[name]), name)
+        globals()[name] = value
+        return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -13,6 +13,11 @@ from typing import TypeVar
 T = TypeVar("T")
 Listener = Callable[[float], None]
 
+
+class Stopped(KeyboardInterrupt):
+    """The work was asked to stop."""
+
+
 log = logging.getLogger("fenicsrom")
 """Receives the lines on the progress, at the level INFO."""
 
@@ -37,28 +42,39 @@ def listening(listener: Listener | None) -> AbstractContextManager[None]:
 
 
 def asking(stop: Callable[[], bool] | None) -> AbstractContextManager[None]:
-    """Let `ask` end the work in the body where `stop` returns True; None asks nobody."""
+    """Let the work in the body end soon after `stop` returns True; None asks nobody.
+
+    Studies then keep what they have, and most say so by `interrupted`; a run raises
+    KeyboardInterrupt.
+
+    Example:
+        >>> import time
+        >>> import fenicsrom as fr
+        >>> end = time.monotonic() + 60.0
+        >>> with fr.asking(lambda: time.monotonic() > end):
+        ...     motion = fr.load_model("out/beam.npz").simulate()
+    """
     return _set(_stop, stop)
+
+
+def is_stopped() -> bool:
+    """Whether the work was asked to stop."""
+    stop = _stop.get()
+    return stop is not None and stop()
 
 
 def ask() -> None:
     """Ask whether to go on: whatever takes more than a second calls this again and again.
 
     Raises:
-        KeyboardInterrupt: the work was asked to stop.
+        Stopped: the work was asked to stop.
     """
-    stop = _stop.get()
-    if stop is not None and stop():
-        raise KeyboardInterrupt
+    if is_stopped():
+        raise Stopped
 
 
 def tell(fraction: float) -> None:
-    """Tell the listener which fraction of the work is done, from 0 to 1.
-
-    Raises:
-        KeyboardInterrupt: as `ask`.
-    """
-    ask()
+    """Tell the listener which fraction of the work is done, from 0 to 1."""
     listener = _listener.get()
     if listener is not None:
         listener(fraction)

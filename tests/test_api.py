@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import runpy
 import subprocess
 import sys
@@ -36,24 +35,6 @@ ROOT = PACKAGE.parent
 
 
 # ------------------------------------------------------------------ the package
-
-
-def test_public_names_agree_in_all_typing_block_and_table() -> None:
-    tree = ast.parse((PACKAGE / "__init__.py").read_text())
-    (block,) = [node for node in tree.body if isinstance(node, ast.If)]
-    typed = {
-        alias.name: node.module
-        for node in block.body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
-    table = {
-        name: f"fenicsrom.{module}"
-        for module, names in fenicsrom._MODULES.items()
-        for name in names
-    }
-    assert typed == table
-    assert sorted(table) == fenicsrom.__all__
 
 
 def test_public_names_exist() -> None:

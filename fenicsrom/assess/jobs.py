@@ -19,11 +19,13 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent import futures
 from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import partial
 from multiprocessing import active_children, get_context, parent_process
 from typing import Any, NamedTuple, cast
 
 from fenicsrom.errors import ConvergenceError, job_error
-from fenicsrom.progress import asking
+from fenicsrom.progress import ask, asking
 
 POLL = 0.02  # s between two looks at the messages of the processes
 PATIENCE = 5.0  # s in which interrupted processes end their jobs, before they are killed
@@ -36,20 +38,19 @@ _TURN = threading.Lock()
 
 Tell = Callable[[int, float, str], None]
 """Receives the number of a job, its fraction that is done, and a line on its progress."""
-Job = Callable[[Any, Callable[[float, str], None]], Any]
-"""Computes a job; it receives the job and a function that takes its fraction and a line."""
+Job = Callable[[Any], Any]
+"""Computes a job."""
 Workers = int | futures.Executor
 """The largest number of processes of this machine (1: this process), or an executor."""
 
 
-def stop_of(report: Callable[[float, str], None]) -> Callable[[], bool]:
-    """The function `stop` for what a job calls; it raises KeyboardInterrupt as `report` does."""
+_tell: ContextVar[Callable[[float, str], None]] = ContextVar("tell")
 
-    def stop() -> bool:
-        report(0.0, "")
-        return False
 
-    return stop
+def report(fraction: float, line: str) -> None:
+    """Tell whoever runs the present job its fraction that is done, and a line on its progress."""
+    if (tell := _tell.get(None)) is not None:
+        tell(fraction, line)
 
 
 def available_cores() -> int:
@@ -64,16 +65,15 @@ def run_jobs(
     jobs: Sequence[Any],
     tell: Tell,
     workers: Workers = 1,
-    stop: Callable[[], bool] = lambda: False,
     comm: Any = None,
 ) -> Iterator[tuple[int, Any]]:
     """Compute jobs, and yield the number and the result of each job when it ends.
 
-    `function` returns what it has when its progress callback raises KeyboardInterrupt. After an
-    interrupt of this process (by `tell`, `stop` or the terminal), jobs that have not started are
-    dropped. The callbacks of the jobs in this process and in its child processes, and
-    `fenicsrom.progress.ask` there, raise KeyboardInterrupt, and the results of these jobs are
-    yielded. A child process that then needs more than `PATIENCE` is killed, without a result.
+    `function` may `report` its progress, and returns what it has when `fenicsrom.progress.ask`
+    raises KeyboardInterrupt. After an interrupt of this process (by `tell`, `ask` or the terminal),
+    jobs that have not started are dropped. In jobs of this process and of its child processes,
+    `ask` raises KeyboardInterrupt, and their results are yielded. A child process that then needs
+    more than `PATIENCE` is killed, without a result.
 
     If a process of this machine dies, its jobs run again, one at a time. A Dask cluster runs such
     jobs again by itself.
@@ -83,7 +83,6 @@ def run_jobs(
         jobs: its arguments.
         tell: receives the progress of all jobs; it may raise KeyboardInterrupt.
         workers: compute the jobs.
-        stop: asked often; the jobs are interrupted when it returns True.
         comm: MPI communicator; with several ranks, which all must call this function, rank 0 gives
             out the jobs to the others, and all ranks get all results.
 
@@ -95,17 +94,17 @@ def run_jobs(
         KeyboardInterrupt: the computation was interrupted; raised after all results.
     """
     if comm is not None and comm.size > 1 and not isinstance(workers, futures.Executor):
-        yield from _on_ranks(function, jobs, tell, stop, comm)
+        yield from _on_ranks(function, jobs, tell, comm)
         return
     if isinstance(workers, int) and min(workers, len(jobs)) <= 1:
-        yield from _here(function, jobs, tell, stop)
+        yield from _here(function, jobs, tell)
         return
     waiting, deaths = dict(enumerate(jobs)), Counter[int]()
     while waiting:
         suspect = [k for k in waiting if deaths[k]][:1]
         batch = {k: waiting[k] for k in suspect or waiting}
         with _pool(workers, len(batch)) as pool:
-            for number, result in _results(pool, function, batch, tell, stop):
+            for number, result in _results(pool, function, batch, tell):
                 if isinstance(result, _deadly()):
                     deaths[number] += 1
                     if pool.stopped is not None and deaths[number] < LIVES:
@@ -118,43 +117,35 @@ def run_jobs(
                 yield number, result
 
 
-def _here(
-    function: Job, jobs: Sequence[Any], tell: Tell, stop: Callable[[], bool]
-) -> Iterator[tuple[int, Any]]:
+def _here(function: Job, jobs: Sequence[Any], tell: Tell) -> Iterator[tuple[int, Any]]:
     """`run_jobs` in this process."""
     for number, job in enumerate(jobs):
-
-        def report(fraction: float, line: str, number: int = number) -> None:
-            if stop():
-                raise KeyboardInterrupt
-            if line:
-                tell(number, fraction, line)
-
-        with asking(stop):
-            found = _result(function, job, report)
-        yield number, found
+        yield number, _result(function, job, partial(tell, number))
 
 
-def _result(function: Job, job: Any, report: Callable[[float, str], None]) -> Any:
-    """The result of a job, or the error that ended the job."""
+def _result(function: Job, job: Any, tell: Callable[[float, str], None]) -> Any:
+    """The result of a job, whose progress goes to `tell`, or the error that ended the job."""
+    outer = _tell.set(tell)
     try:
-        return function(job, report)
+        return function(job)
     except Exception as error:
         return job_error(error)
+    finally:
+        _tell.reset(outer)
 
 
 def _on_ranks(
-    function: Job, jobs: Sequence[Any], tell: Tell, stop: Callable[[], bool], comm: Any
+    function: Job, jobs: Sequence[Any], tell: Tell, comm: Any
 ) -> Iterator[tuple[int, Any]]:
     """`run_jobs` on the ranks of a communicator."""
     from mpi4py.futures import MPICommExecutor
 
     found: Any = None
     # the executor is None on the ranks that work
-    with asking(stop), MPICommExecutor(comm, root=0) as executor:
+    with MPICommExecutor(comm, root=0) as executor:
         if executor is not None:
             try:
-                found = list(run_jobs(function, jobs, tell, cast(futures.Executor, executor), stop))
+                found = list(run_jobs(function, jobs, tell, cast(futures.Executor, executor)))
             except KeyboardInterrupt as interrupt:
                 found = interrupt
     found = comm.bcast(found)
@@ -188,7 +179,7 @@ def _deadly() -> tuple[type[Exception], ...]:
 
 
 def _results(
-    pool: _Pool, function: Job, batch: Mapping[int, Any], tell: Tell, stop: Callable[[], bool]
+    pool: _Pool, function: Job, batch: Mapping[int, Any], tell: Tell
 ) -> Iterator[tuple[int, Any]]:
     """Yield number and result of each job of a batch; arguments as `run_jobs`.
 
@@ -207,8 +198,7 @@ def _results(
             done = futures.wait(running, POLL, futures.FIRST_COMPLETED).done
             if not interrupted:
                 _pass_on(pool, tell)
-                if stop():
-                    raise KeyboardInterrupt
+                ask()
         except futures.BrokenExecutor as error:
             if pool.stopped is not None:
                 order.clear()
@@ -323,17 +313,10 @@ def _work(function: Job, job: Any, number: int) -> Any:
     Raises:
         CancelledError: the computation was interrupted before this job began.
     """
-
-    def report(fraction: float, line: str) -> None:
-        if _channel and _channel["stopped"].is_set():
-            raise KeyboardInterrupt
-        if _channel and line:
-            _channel["messages"].put((number, fraction, line))
-
     if not _channel:
         with _TURN:
-            return _result(function, job, report)
+            return _result(function, job, lambda *_: None)
     if _channel["stopped"].is_set():
         raise futures.CancelledError
     with asking(_channel["stopped"].is_set):
-        return _result(function, job, report)
+        return _result(function, job, lambda *said: _channel["messages"].put((number, *said)))

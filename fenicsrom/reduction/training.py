@@ -84,14 +84,14 @@ def train(structure: Structure, scene: Scene, moves: Moves, scenes: Sequence[Sce
     )
 
 
-def motion_of_scene(model: Any, scene: Scene, stop: Callable[[], bool]) -> list[Motion]:
-    """The motion of a scene, or the decay of its mode; `stop` as `online.run.march.integrate`."""
+def motion_of_scene(model: Any, scene: Scene) -> list[Motion]:
+    """The motion of a scene, or the decay of its mode."""
     start: tuple[Any, ...] | None = None
     if scene.backbone is not None:
         problem, start = _decay(scene, model)
     else:
         problem = checked_problem(model, scene)
-    return [attempted(lambda: integrate(problem, start=start, stop=stop))[0]]
+    return [attempted(lambda: integrate(problem, start=start))[0]]
 
 
 def _decay(scene: Scene, model: ReducedModel) -> tuple[Problem, tuple[Any, ...]]:

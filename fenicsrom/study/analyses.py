@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import MISSING, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -12,7 +12,6 @@ from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.checks.contact_checks import require_no_pairs
 from fenicsrom.study.execution import all_ranks, run
 from fenicsrom.study.given import starts_from
-from fenicsrom.study.stopwatch import never
 from fenicsrom.study.writing import written
 
 if TYPE_CHECKING:
@@ -26,16 +25,13 @@ if TYPE_CHECKING:
 
 
 @starts_from(pairs=True)
-def statics(
-    scene: Scene, comm: Any = None, *, folder: Path | None = None, stop: Callable[[], bool] = never
-) -> EquilibriumPath:
+def statics(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> EquilibriumPath:
     """Follow the static equilibria of a scene over a load factor. Collective.
 
     Args:
         scene: a scene with static loads and a table [statics].
         comm: MPI communicator; by default all ranks.
         folder: folder of the output files; None writes no files.
-        stop: asked at each equilibrium; the path ends where it returns True.
 
     Returns:
         The path. After an interrupt it ends where it was, and `interrupted` is set; if it was lost,
@@ -48,7 +44,7 @@ def statics(
     from fenicsrom.assess.curves.equilibrium_path import equilibrium_path
 
     comm = comm or all_ranks()
-    found = equilibrium_path(scene, comm, stop)
+    found = equilibrium_path(scene, comm)
     if folder is not None and found.points:
         from fenicsrom.post.curves import equilibrium_report
         from fenicsrom.post.run.pictures import setup_pictures
@@ -61,9 +57,7 @@ def statics(
 
 
 @starts_from(pairs=True, sectors=True)
-def modes(
-    scene: Scene, comm: Any = None, *, folder: Path | None = None, stop: Callable[[], bool] = never
-) -> Study | Campbell:
+def modes(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Study | Campbell:
     """Compute the modes and the modal derivatives of a scene, which needs no loads. Collective.
 
     Arguments and errors as `run`. Of a sector of a disk, the modes come by nodal diameter: see
@@ -71,8 +65,7 @@ def modes(
     """
     if scene.cyclic is not None:
         return nodal_diameters(scene, comm, folder=folder)
-    found = run(scene, comm, folder=folder, modes_only=True, stop=stop)
-    return cast("Study", found)
+    return cast("Study", run(scene, comm, folder=folder, modes_only=True))
 
 
 @starts_from(pairs=True, sectors=True)
@@ -145,17 +138,17 @@ def campbell(
 
 
 @starts_from(pairs=True, sectors=True)
-def compare(
-    scene: Scene, comm: Any = None, *, folder: Path | None = None, stop: Callable[[], bool] = never
-) -> Comparison:
+def compare(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Comparison:
     """Compare reduced bases of a scene with its full model: error against run time. Collective.
 
     Args:
         scene: a scene with a table [compare]; with [cyclic], its full model is the whole disk.
         comm: MPI communicator; by default all ranks.
         folder: folder of the output files; None writes no files.
-        stop: asked before each combination; after an interrupt, `interrupted` is set, and the
-            outcomes are those of the combinations that are done.
+
+    Returns:
+        The comparison. After an interrupt, `interrupted` is set, and the outcomes are those of the
+        combinations that are done.
 
     Raises:
         SceneError: the scene cannot be used.
@@ -167,7 +160,7 @@ def compare(
 
     comm = comm or all_ranks()
     compared = compare_bases if scene.cyclic is None else compare_disk
-    return written(compared(scene, comm, stop), folder, comm)
+    return written(compared(scene, comm), folder, comm)
 
 
 def stability(

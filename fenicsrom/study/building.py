@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 from fenicsrom.notes import FREQUENCIES, Note, NoteKind, has_kind
-from fenicsrom.progress import asking, log
+from fenicsrom.progress import log
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.checks.checks import too_small
 from fenicsrom.study.stage import Run
@@ -70,11 +70,10 @@ def interface_vectors(run: Run) -> None:
     def moves(reduction: Reduction) -> Sequence[Motion]:
         names, model = reduction.basis.labels, cast(ReducedModel, reduction.model)
         if not is_curve:
-            return motion_of_scene(model, scene, run.stop)
+            return motion_of_scene(model, scene)
         hertz = reduction.modes.frequencies_hz
-        stored = StoredModel(model, scene, scene.basis.method, names, solid.free, hertz, {})
-        with asking(run.stop):
-            return curve_motions(stored)
+        method = scene.basis.method
+        return curve_motions(StoredModel(model, scene, method, names, solid.free, hertz, {}))
 
     is_curve = scene.response is not None and scene.backbone is None
     scenes = scenes_of_curves(scene) if is_curve else [scene]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -12,12 +11,12 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from fenicsrom.notes import Note, NoteKind
-from fenicsrom.progress import asking, log
+from fenicsrom.progress import log
 from fenicsrom.scene import Scene
 from fenicsrom.study.execution import all_ranks, build_disk
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.source import Source, scene_of, source_of
-from fenicsrom.study.stopwatch import Stopwatch, never
+from fenicsrom.study.stopwatch import Stopwatch
 from fenicsrom.study.writing import written
 from fenicsrom.words import counted
 
@@ -46,7 +45,6 @@ def response(
     folder: Path | None = None,
     resume: Path | None = None,
     workers: Workers = 1,
-    stop: Callable[[], bool] = never,
     fresh: bool = False,
 ) -> Response:
     """Compute the response curves of a scene, whose reduced model is built first, or of a model.
@@ -58,14 +56,12 @@ def response(
         resume: folder of the state of an earlier run, from which the curves continue.
         workers: largest number of processes that compute curves at the same time, or an executor,
             see `fenicsrom.assess.curves.response.response`; several ranks share the curves.
-        stop: asked between the offline stages and at each point of a curve; the run ends where it
-            returns True.
         fresh: compute all offline results, also those that the cache has.
 
     Raises:
         SceneError: the scene or the earlier state cannot be used.
         ConvergenceError, AccuracyError: an offline stage failed.
-        KeyboardInterrupt: `stop` returned True before the curves began.
+        KeyboardInterrupt: the work was asked to stop before the curves began.
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.curves.response_problem import check_response
@@ -79,13 +75,13 @@ def response(
         check_folder(resume)
     watch = Stopwatch()
     if scene.cyclic is not None:
-        return _waves(given, comm, watch, folder, resume, workers, stop)
+        return _waves(given, comm, watch, folder, resume, workers)
     given = cast("Scene | StoredModel", given)
-    source = source_of(given, comm, watch, folder, stop, fresh)
+    source = source_of(given, comm, watch, folder, fresh)
     table = response_table(source.stored.scene)
     if table.parameter == "rotation.speed_rpm":
         source = replace(source, stored=source.stored.over_speeds(table.low, table.high))
-    found, source = _curves(source, watch, folder, resume, workers, stop)
+    found, source = _curves(source, watch, folder, resume, workers)
     ends = (table.low, table.high) if table.parameter == "rotation.speed_rpm" else ()
     found.mesh_check = of_model(source.stored, *ends)
     found.warnings[:0] = _first_warnings(source, found)
@@ -115,7 +111,6 @@ def _waves(
     folder: Path | None,
     resume: Path | None,
     workers: Workers,
-    stop: Callable[[], bool],
 ) -> Response:
     """Compute the response curves of a disk, whose sectors move in a wave; see `response`."""
     import numpy as np
@@ -140,7 +135,6 @@ def _waves(
             resume=resume,
             workers=workers,
             comm=comm,
-            stop=stop,
             richer=larger,
         )
     found.warnings[:0] = reduction_notes(disk)
@@ -173,7 +167,6 @@ def _curves(
     folder: Path | None,
     resume: Path | None,
     workers: Workers,
-    stop: Callable[[], bool],
 ) -> tuple[Response, Source]:
     """Compute response curves with the coordinates that they need; arguments as `response`."""
     from fenicsrom.assess.curves import response as curves
@@ -192,7 +185,7 @@ def _curves(
         source = _sized(source, folder)
     elif resume is None and can_grow(source.stored, spare):
         with watch("size of the model"):
-            larger = model_before_curves(source.stored, spare, workers, stop, source.comm)
+            larger = model_before_curves(source.stored, spare, workers, source.comm)
         source = source if larger is None else _with_more(source, larger, folder)
 
     def follow(stored: StoredModel, resume: Path | None) -> Response:
@@ -206,7 +199,6 @@ def _curves(
                 resume=resume,
                 workers=workers,
                 comm=source.comm,
-                stop=stop,
                 richer=richer_model(stored, spare),
             )
 
@@ -276,7 +268,6 @@ def backbone(
     comm: Any = None,
     *,
     folder: Path | None = None,
-    stop: Callable[[], bool] = never,
     fresh: bool = False,
 ) -> Backbone:
     """Compute the nonlinear mode of a scene, whose reduced model is built first, or of a model.
@@ -285,7 +276,6 @@ def backbone(
         given: a scene with a table [backbone], or a stored model under such a scene.
         comm: MPI communicator of the offline stages; by default all ranks.
         folder: folder of the output files; None writes no files.
-        stop: asked often; the run ends where it returns True.
         fresh: compute all offline results, also those that the cache has.
 
     Returns:
@@ -295,15 +285,15 @@ def backbone(
     Raises:
         SceneError: the scene cannot be used.
         ConvergenceError, AccuracyError: an offline stage failed, or the model has no equilibrium.
-        KeyboardInterrupt: `stop` returned True before the curve began.
+        KeyboardInterrupt: the work was asked to stop before the curve began.
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.curves import backbone as modes
 
     modes.check_backbone(scene_of(given))
     watch = Stopwatch()
-    source = _sized(source_of(given, comm, watch, folder, stop, fresh), folder)
-    with watch("nonlinear mode"), asking(stop):
+    source = _sized(source_of(given, comm, watch, folder, fresh), folder)
+    with watch("nonlinear mode"):
         found = modes.backbone(source.stored)
     if found.labels != source.stored.labels:
         source = source.with_model(source.stored.resized(found.labels), folder)
@@ -317,7 +307,6 @@ def ringdown(
     *,
     folder: Path | None = None,
     resume: bool = False,
-    stop: Callable[[], bool] = never,
     fresh: bool = False,
 ) -> Ringdown:
     """Let a body go from its loads, held statically, and measure its free decay by periods.
@@ -327,9 +316,9 @@ def ringdown(
     from fenicsrom.assess.studies import ringdown as decays
 
     decays.check_ringdown(scene_of(given))
-    source = _sized(source_of(given, comm, Stopwatch(), folder, stop, fresh), folder, grow=True)
+    source = _sized(source_of(given, comm, Stopwatch(), folder, fresh), folder, grow=True)
     kept = None if folder is None or not source.first else folder / "ringdown_decays"
-    found = decays.ringdown(source.stored, kept, resume=resume, stop=stop)
+    found = decays.ringdown(source.stored, kept, resume=resume)
     return written(_judged(found, source), folder if found.periods else None, source.comm)
 
 
@@ -341,7 +330,6 @@ def interaction_map(
     folder: Path | None = None,
     resume: bool = False,
     workers: Workers = 1,
-    stop: Callable[[], bool] = never,
     fresh: bool = False,
 ) -> InteractionMap:
     """Compute the interaction map of a body that rubs its casing, over the speed of rotation.
@@ -353,7 +341,6 @@ def interaction_map(
         folder: folder of the output files; None writes no files.
         resume: keep the speeds that an earlier map left in the folder.
         workers: largest number of processes, or an executor.
-        stop: asked often; the map ends where it returns True.
         fresh: compute all offline results, also those that the cache has.
 
     Returns:
@@ -373,7 +360,7 @@ def interaction_map(
 
     interaction.map_speeds(scene_of(given))
     with TemporaryDirectory() if folder is None else nullcontext(folder) as place:
-        source = source_of(given, comm, Stopwatch(), folder, stop, fresh)
+        source = source_of(given, comm, Stopwatch(), folder, fresh)
         model = Path(place) / f"{'' if source.stored is not given else 'stored_'}{MODEL}"
         save_model(model, source.stored)
         found = interaction.interaction_map(
@@ -382,7 +369,6 @@ def interaction_map(
             Path(place) / LINES,
             resume=resume,
             workers=workers,
-            stop=stop,
             comm=comm,
         )
         ends = found.speeds_rpm[[0, -1]] if found.lines else ()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import MISSING
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.notes import Note, NoteKind
+from fenicsrom.progress import ask
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.scene.checks.rotation_checks import require_disk_run
 from fenicsrom.study.given import starts_from
@@ -17,7 +17,7 @@ from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import offline_stages, stages
 from fenicsrom.study.speed_range import build_range
 from fenicsrom.study.stage import Run, Stage
-from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
+from fenicsrom.study.stopwatch import Stopwatch
 from fenicsrom.study.writing import keep_motion, written
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ def run(
     folder: Path | None = None,
     resume: Path | None = None,
     modes_only: bool = False,
-    stop: Callable[[], bool] = never,
     mesh: Mesh | None = None,
     overwrite: bool = False,
     fresh: bool = False,
@@ -51,7 +50,6 @@ def run(
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
         modes_only: stop after the modal derivatives.
-        stop: called between stages and after each period; the run ends when it returns True.
         mesh: the mesh; None makes or reads the mesh of the scene.
         overwrite: replace the results of another scene in the folder.
         fresh: compute all offline results, also those that the cache has.
@@ -63,7 +61,7 @@ def run(
     Raises:
         SceneError: the scene, the checkpoint or the folder cannot be used.
         ConvergenceError, AccuracyError: an offline stage failed.
-        KeyboardInterrupt: `stop` returned True.
+        KeyboardInterrupt: the work was asked to stop (`fenicsrom.asking`).
         OSError: a file cannot be written.
     """
     from fenicsrom.records import Study
@@ -72,7 +70,7 @@ def run(
         if modes_only or resume is not None:
             given = "modes_only" if modes_only else "resume"
             raise refuse(scene.source, f"not allowed with {given}", ErrorKind.CONFLICT, "cyclic")
-        return _disk_motion(scene, comm, folder, stop, mesh)
+        return _disk_motion(scene, comm, folder, mesh)
     if scene.speeds_rpm is not None and not modes_only:
         reason = "not allowed in this run; build the model with build_model (or `fenicsrom run "
         reason += "SCENE`), or leave the key out"
@@ -80,7 +78,7 @@ def run(
     if resume is not None:
         _require_resumable(resume, scene)
     comm = comm or all_ranks()
-    run = Run(Study(scene), comm, Stopwatch(), folder, resume, stop, mesh)
+    run = Run(Study(scene), comm, Stopwatch(), folder, resume, mesh)
     run.fresh, run.cached = fresh, mesh is None
     guarded = (
         nullcontext() if folder is None else output_folder(folder, scene, comm, None, overwrite)
@@ -91,7 +89,7 @@ def run(
     return run.study
 
 
-def _disk_motion(scene: Scene, comm: Any, folder: Any, stop: Any, mesh: Any) -> DiskRun:
+def _disk_motion(scene: Scene, comm: Any, folder: Any, mesh: Any) -> DiskRun:
     """Integrate the disk of a sector, and keep its sector. Collective; errors as `run`."""
     from fenicsrom.online.store.archive import save_model
     from fenicsrom.post.base.origin import MODEL
@@ -99,9 +97,9 @@ def _disk_motion(scene: Scene, comm: Any, folder: Any, stop: Any, mesh: Any) -> 
     comm, watch = comm or all_ranks(), Stopwatch()
     disk = build_disk(scene, mesh, comm, watch)
     if folder is None or comm.rank > 0:
-        return run_disk(disk, watch=watch, stop=stop)
+        return run_disk(disk, watch=watch)
     save_model(folder / MODEL, disk)
-    found = run_disk(disk, watch=watch, folder=folder, stop=stop)
+    found = run_disk(disk, watch=watch, folder=folder)
     found.files.append(folder / MODEL)
     return found
 
@@ -134,11 +132,7 @@ def build_disk(
 
 @starts_from("StoredDisk", pairs=True, sectors=True)
 def run_disk(
-    disk: StoredDisk,
-    *,
-    folder: Path | None = None,
-    watch: Stopwatch | None = None,
-    stop: Callable[[], bool] = never,
+    disk: StoredDisk, *, folder: Path | None = None, watch: Stopwatch | None = None
 ) -> DiskRun:
     """Integrate a disk of reduced sectors, and write the files.
 
@@ -146,7 +140,6 @@ def run_disk(
         disk: the disk, under the scene of the run.
         folder: folder of the output files; None writes no files.
         watch: times the stages.
-        stop: called after each period; the run ends when it returns True.
 
     Raises:
         SceneError: the scene cannot be used.
@@ -155,7 +148,7 @@ def run_disk(
     """
     from fenicsrom.assess.rotation.disk_run import disk_run
 
-    found = written(disk_run(disk, watch or Stopwatch(), stop), folder)
+    found = written(disk_run(disk, watch or Stopwatch()), folder)
     if folder is not None and disk.scene.output.motion:
         from fenicsrom.post.paraview.disk_motion import write_disk_motion
 
@@ -168,7 +161,6 @@ def offline(
     comm: Any,
     watch: Stopwatch,
     mesh: Mesh | None = None,
-    stop: Callable[[], bool] = never,
     fresh: bool = False,
 ) -> Study:
     """Run the stages up to the reduced model; write no files but those of the cache.
@@ -178,12 +170,11 @@ def offline(
         comm: MPI communicator; None takes all ranks.
         watch: times the stages.
         mesh: the mesh; None makes or reads the mesh of the scene.
-        stop: called between stages; the run ends when it returns True.
         fresh: compute all results, also those that the cache has.
     """
     from fenicsrom.records import Study
 
-    run = Run(Study(scene), comm or all_ranks(), watch, stop=stop, mesh=mesh)
+    run = Run(Study(scene), comm or all_ranks(), watch, mesh=mesh)
     execute(run, offline_stages(scene, modes_only=False), _cache(run, fresh))
     return run.study
 
@@ -251,7 +242,7 @@ def execute(run: Run, listed: list[Stage], cache: OfflineCache | None = None) ->
                 continue
             if cache is not None and cache.has(stage.name):
                 continue
-            stop_where_asked(run.stop)
+            ask()
             with run.watch(stage.name):
                 stage.run(run)
             if not stage.writes:

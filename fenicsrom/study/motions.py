@@ -41,7 +41,7 @@ def integrate(run: Run, name: str) -> None:
             log.info(f"  warning: {text}")
     try:
         if name == "reduced":
-            options = _checkpoints(run) | {"keep_coordinates": True, "stop": run.stop}
+            options = _checkpoints(run) | {"keep_coordinates": True}
             motion, error = integrated(study.model, scene, **options)
         else:
             motion, error = attempted(lambda: _full_motion(run, name))
@@ -110,7 +110,7 @@ def _full_motion(run: Run, name: str) -> Motion:
     study, scene = run.study, run.study.scene
     body = study.solid if name == "full" else beam_structure(scene)
     cached = run.cached and not scene.wears
-    motion, note = full_motion(body, scene, name, run.fresh, cached, stop=run.stop)
+    motion, note = full_motion(body, scene, name, run.fresh, cached)
     if note["cached"]:
         reason = f"taken from a run at {note['date']}; --fresh computes it again"
         study.left_out.append(Note(NoteKind.LEFT_OUT, reason, f"{name} motion"))
@@ -166,7 +166,7 @@ def fit_size(run: Run) -> None:
 
     study, stored = run.study, run.study.stored
     motion = study.motions["reduced"]
-    study.sized = found = fitted(stored, motion, run.stop, study.warnings)
+    study.sized = found = fitted(stored, motion, study.warnings)
     if found is not None and found.stored is not stored:
         resize(study, found.stored)
         study.motions["reduced"] = found.motion

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,7 +63,6 @@ def source_of(
     comm: Any,
     watch: Stopwatch,
     folder: Path | None,
-    stop: Callable[[], bool],
     fresh: bool,
 ) -> Source:
     """Take a stored model as it is, or build the model of a scene and write it to the folder.
@@ -87,7 +85,7 @@ def source_of(
         if folder is not None:
             save_model(folder / MODEL, stored)
         return Source(stored, range_warnings(stored), None)
-    built = offline(given, comm, watch, stop=stop, fresh=fresh)
+    built = offline(given, comm, watch, fresh=fresh)
     found = Source(built.stored, built.warnings, built)
     if folder is not None and found.first:
         save_model(folder / MODEL, found.stored)

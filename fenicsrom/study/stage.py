@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.study.stopwatch import Stopwatch, never
+from fenicsrom.study.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh.mesh import Mesh
@@ -55,7 +55,7 @@ class Run:
         watch: times the stages.
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
-        stop: called between stages and after each period; the run ends when it returns True.
+
         mesh: the mesh; None until it is made.
         fresh: whether to compute all results, also those that the cache has.
         cached: whether the cache may have results: the mesh is that of the scene.
@@ -68,7 +68,7 @@ class Run:
     watch: Stopwatch
     folder: Path | None = None
     resume: Path | None = None
-    stop: Callable[[], bool] = never
+
     mesh: Mesh | None = None
     fresh: bool = False
     cached: bool = True

@@ -1,6 +1,6 @@
-"""Run times, progress and interruption of the stages."""
+"""Run times and progress of the stages."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from fenicsrom.progress import duration, listening, log, working_time
@@ -8,21 +8,6 @@ from fenicsrom.progress import duration, listening, log, working_time
 SILENCE = 5.0  # time without a line after which a stage says how far it is, s
 IN_PARTS = ("size", "checks")  # stages of several motions, each of which begins at 0 %
 FIRST_STEP = 0.02  # of the work: a smaller first step may contain the compilation of forms
-
-
-def never() -> bool:
-    """Tell that the run may continue: the default of `stop`."""
-    return False
-
-
-def stop_where_asked(stop: Callable[[], bool]) -> None:
-    """End the run if `stop` asks for it.
-
-    Raises:
-        KeyboardInterrupt: `stop` returned True.
-    """
-    if stop():
-        raise KeyboardInterrupt
 
 
 class Stopwatch:

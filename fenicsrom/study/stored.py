@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from fenicsrom.study.execution import build_model, execute, run, run_disk
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.motions import checked, integrated
 from fenicsrom.study.stage import Run, Stage
-from fenicsrom.study.stopwatch import Stopwatch, never
+from fenicsrom.study.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from fenicsrom.assess.rotation.disk_run import DiskRun
@@ -30,7 +30,6 @@ def integrate(
     *,
     folder: Path,
     resume: Path | None = None,
-    stop: Callable[[], bool] = never,
     fresh: bool = False,
     keys: Collection[str] = (),
 ) -> Study | DiskRun | Rerun:
@@ -46,14 +45,14 @@ def integrate(
         if resume is not None:
             source = given.scene.source
             raise refuse(source, "not allowed with resume", ErrorKind.CONFLICT, "cyclic")
-        return run_disk(given, folder=folder, stop=stop)
+        return run_disk(given, folder=folder)
     if not isinstance(given, Scene):
-        return rerun(given, folder, resume=resume, stop=stop, given=keys)
+        return rerun(given, folder, resume=resume, given=keys)
     if given.speeds_rpm is None or given.cyclic is not None:
-        return run(given, comm, folder=folder, resume=resume, stop=stop, fresh=fresh)
+        return run(given, comm, folder=folder, resume=resume, fresh=fresh)
     stored = build_model(given, comm=comm)
     save_model(folder / MODEL, stored)
-    found = rerun(stored, folder, resume=resume, stop=stop)
+    found = rerun(stored, folder, resume=resume)
     found.files.append(folder / MODEL)
     return found
 
@@ -63,7 +62,6 @@ def rerun(
     folder: Path,
     *,
     resume: Path | None = None,
-    stop: Callable[[], bool] = never,
     given: Collection[str] = (),
 ) -> Rerun:
     """Integrate a stored model, check the motion and write the files: the numbers first.
@@ -72,13 +70,13 @@ def rerun(
         stored: the stored model, under the scene of the run.
         folder: folder of the output files.
         resume: checkpoint from which the model continues.
-        stop: called between stages and after each period; the run ends when it returns True.
+
         given: keys that the user gave, for the warning of keys without effect.
 
     Raises:
         SceneError: the checkpoint cannot be used.
         ConvergenceError, AccuracyError: the integration failed at its start.
-        KeyboardInterrupt: `stop` returned True.
+        KeyboardInterrupt: the work was asked to stop.
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.errors.comparisons import MeshCheck
@@ -94,7 +92,7 @@ def rerun(
     keep = keeper(folder / CHECKPOINT, model, scene)
     options: dict[str, Any] = {"resume": begin, "checkpoint": keep, "keep_coordinates": True}
     with watch("reduced motion"):
-        motion, unfinished = integrated(model, scene, stop=stop, **options)
+        motion, unfinished = integrated(model, scene, **options)
     warnings = [*equilibrium_warnings(stored.deformation), *rerun_warnings(scene, given)]
     warnings += range_warnings(stored)
     warnings += MeshCheck(missing=stored.unjudged).warnings(scene)
@@ -113,7 +111,7 @@ def rerun(
         Stage("report", True, "", writing.report, writes=True),
     ]
     needed = [stage for stage in stages if stage.needed]
-    execute(Run(found, None, watch, folder, stop=stop), needed)
+    execute(Run(found, None, watch, folder), needed)
     return found
 
 
@@ -152,7 +150,7 @@ def _fit_size(run: Run) -> None:
     )
 
     found: Rerun = run.study
-    chosen = fitted(found.stored, found.motion, run.stop, found.warnings)
+    chosen = fitted(found.stored, found.motion, found.warnings)
     if chosen is not None:
         found.sized, found.stored, found.motion = chosen, chosen.stored, chosen.motion
         found.left_out = rerun_left_out(found.stored, found.motion)

@@ -15,11 +15,11 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import SceneError
+from fenicsrom.progress import asking
 from fenicsrom.scene import Scene, override_texts
 from fenicsrom.scene.reading.overrides import Axis, combinations, make_axes
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.source import scene_of
-from fenicsrom.study.stopwatch import never
 from fenicsrom.study.writing import written
 
 if TYPE_CHECKING:
@@ -83,7 +83,6 @@ def run_sweep(
     comm: Any = None,
     workers: Workers = 1,
     resume: bool = False,
-    stop: Callable[[], bool] = never,
     fresh: bool = False,
 ) -> Sweep:
     """Run a scene or a stored model under all combinations of values, and write the files.
@@ -97,7 +96,7 @@ def run_sweep(
         comm: MPI communicator; with two ranks or more, rank 0 gives out the runs to the others.
         workers: largest number of processes, or an executor.
         resume: keep the results that an earlier sweep left in the folder.
-        stop: asked often; the sweep ends where it returns True.
+
         fresh: compute all offline results, also those that the cache has.
 
     Returns:
@@ -116,20 +115,20 @@ def run_sweep(
     build = [(s, path, fresh) for path, s in models.items() if not (resume and path.exists())]
     if build and comm is not None and comm.size > 1:
         import fenicsrom.fem.base.linalg  # noqa: F401 (PETSc and SLEPc start on all ranks together)
-    makers = Batch("model", workers=workers, stop=stop, comm=comm)
+    makers = Batch("model", workers=workers, comm=comm)
     made = makers.each(_build, build, lambda k, _: build[k][1].stem)
     failed = {build[k][1]: failure(error) for k, error in made.items() if error is not None}
     results = {run.number: failed[run.model] for run in runs if run.model in failed}
     pending = [run for run in runs if run.model not in failed and run.model.exists()]
 
-    def stopped() -> bool:
-        return makers.interrupted or stop()
-
     def say(k: int, result: Any) -> str:
         return f"run {pending[k].number + 1}"
 
-    batch = Batch("run", folder / RUNS, {}, resume, workers, stopped, comm)
-    for k, result in batch.each(compute, pending, say, [run.digest for run in pending]).items():
+    batch = Batch("run", folder / RUNS, {}, resume, workers, comm)
+    digests = [run.digest for run in pending]
+    with asking(lambda: True) if makers.interrupted else nullcontext():
+        done = batch.each(compute, pending, say, digests)
+    for k, result in done.items():
         results[pending[k].number] = failure(result) if isinstance(result, Exception) else result
     rows = [row | results.get(k, {}) for k, row in enumerate(rows)]
     found = Sweep(scene, varied, rows, len(models), batch.reused, interrupted=batch.interrupted)
@@ -195,7 +194,7 @@ def _assign_models(
     return runs, models
 
 
-def _build(job: tuple[Scene, Path, bool], report: Any) -> None:
+def _build(job: tuple[Scene, Path, bool]) -> None:
     """Build the reduced model or the disk of a scene, and write it; errors as `build_model`."""
     from mpi4py import MPI
 

@@ -17,6 +17,7 @@ from fenicsrom import build_solid, compare, simulate
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.post.studies.compare_report import sentences
+from fenicsrom.progress import asking
 from tests.disks import (
     CYCLIC,
     PERIODS,
@@ -85,11 +86,12 @@ def test_interrupted_comparison_keeps_the_disks_that_are_done(
     where = "fenicsrom.assess.studies.compare_disk.errors_against"
     monkeypatch.setattr(where, lambda *given: done.append(given) or {})
     scene = sector_scene(tmp_path, 2, compare={"modes": [1, 2]})
-    found = compare(scene, MPI.COMM_SELF, stop=lambda: bool(done))
+    with asking(lambda: bool(done)):
+        found = compare(scene, MPI.COMM_SELF)
     assert found.interrupted and len(found.outcomes) == 1
     assert "interrupted" in " ".join(sentences(found))
-    with pytest.raises(KeyboardInterrupt):
-        compare(scene, MPI.COMM_SELF, stop=lambda: True)
+    with pytest.raises(KeyboardInterrupt), asking(lambda: True):
+        compare(scene, MPI.COMM_SELF)
 
 
 @pytest.mark.slow

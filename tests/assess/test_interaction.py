@@ -33,6 +33,7 @@ from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.scene_changes import changed_scene
 from fenicsrom.post.base.tables import rows_of
 from fenicsrom.post.studies.interaction_report import quantities
+from fenicsrom.progress import asking
 from fenicsrom.study.curves import LINES
 
 Array = NDArray[np.float64]
@@ -336,7 +337,8 @@ def test_stopped_map_continues(tmp_path: Path) -> None:
     def stop() -> bool:
         return len(list((tmp_path / LINES).glob("*.npz"))) == 2
 
-    part = mapped(stored, "[2000, 3000, 4000]", *few, folder=tmp_path, stop=stop)
+    with asking(stop):
+        part = mapped(stored, "[2000, 3000, 4000]", *few, folder=tmp_path)
     assert part.interrupted and len(part.lines) == 2
     whole = mapped(stored, "[2000, 3000, 4000]", *few, folder=tmp_path, resume=True)
     assert (whole.reused, len(whole.lines), whole.interrupted) == (2, 3, False)

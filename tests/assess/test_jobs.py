@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -15,28 +14,29 @@ from typing import Any
 import pytest
 
 from fenicsrom.assess import jobs
-from fenicsrom.assess.jobs import LIVES, THREADS, run_jobs
+from fenicsrom.assess.jobs import LIVES, THREADS, report, run_jobs
 from fenicsrom.errors import ConvergenceError, ErrorKind
+from fenicsrom.progress import ask, asking
 
 
-def square(job: float, report: Callable[[float, str], None]) -> tuple[float, int, str]:
+def square(job: float) -> tuple[float, int, str]:
     """A job: its square, the process and its number of threads."""
     report(1.0, f"job {job}")
     return job**2, os.getpid(), os.environ.get(THREADS[0], "")
 
 
-def endless(job: int, report: Callable[[float, str], None]) -> str:
+def endless(job: int) -> str:
     """A job that ends when it is interrupted; job 0 is told first."""
     try:
         report(0.1, "begun")
         while True:
             time.sleep(0.01)
-            report(0.5, "")
+            ask()
     except KeyboardInterrupt:
         return f"job {job} until the interrupt"
 
 
-def die(job: tuple[str, int], report: Callable[[float, str], None]) -> str:
+def die(job: tuple[str, int]) -> str:
     """A job whose process ends at once; a positive number of times, or always if it is negative."""
     name, times = job
     if times:
@@ -74,9 +74,9 @@ def test_one_worker_computes_in_this_process() -> None:
     assert lines == [(0, 1.0, "job 2.0"), (1, 1.0, "job 3.0")]
 
 
-def deepen(job: int, report: Callable[[float, str], None]) -> int:
+def deepen(job: int) -> int:
     """A job that calls itself without an end if it is 1."""
-    return deepen(job, report) if job == 1 else job
+    return deepen(job) if job == 1 else job
 
 
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -99,7 +99,7 @@ def test_threads_take_turns() -> None:
     """They share models, whose scratch arrays serve one job: a sweep on two threads was wrong."""
     running = set[int]()
 
-    def alone(job: int, report: Callable[[float, str], None]) -> bool:
+    def alone(job: int) -> bool:
         running.add(job)
         time.sleep(0.05)
         others = len(running) - 1
@@ -124,8 +124,8 @@ def test_interrupt_yields_what_the_running_jobs_have(how: str) -> None:
         return how == "stop" and len(begun) >= 2
 
     found = {}
-    with pytest.raises(KeyboardInterrupt):
-        for number, result in run_jobs(endless, [0, 1, 2, 3], tell, 2, stop):
+    with pytest.raises(KeyboardInterrupt), asking(stop):
+        for number, result in run_jobs(endless, [0, 1, 2, 3], tell, 2):
             found[number] = result
     assert found == {k: f"job {k} until the interrupt" for k in (0, 1)}
 
@@ -170,7 +170,7 @@ def test_cluster_runs_the_jobs_of_a_killed_worker_again(tmp_path: Path) -> None:
     assert found[0][1] not in (first, os.getpid())
 
 
-def wait_for_death(job: Any, report: Callable[[float, str], None]) -> tuple[Any, int]:
+def wait_for_death(job: Any) -> tuple[Any, int]:
     """A job; if it is a path, its first process writes its number there, and waits."""
     if isinstance(job, Path) and not job.exists():
         job.write_text(str(os.getpid()))

@@ -28,6 +28,7 @@ from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.store.archive import StoredModel, load_model, save_model
 from fenicsrom.post.curves.response_tables import summary
+from fenicsrom.progress import asking
 
 # a range with three motions at its first frequency: a march from rest finds the lower one
 INSIDE = float(np.mean(fold_frequencies()))
@@ -89,9 +90,10 @@ def test_interrupted_branch_is_followed_again(tmp_path: Path, before_the_end: in
         asked += 1
         return asked > limit
 
-    whole = response(stored, stop=stop).curves[0]
-    asked, limit = 0, asked - before_the_end
-    part = response(stored, state=tmp_path, stop=stop)
+    with asking(stop):
+        whole = response(stored).curves[0]
+        asked, limit = 0, asked - before_the_end
+        part = response(stored, state=tmp_path)
     assert part.interrupted and part.curves[0].pieces[-1].periods == 2
     again = response(stored, resume=tmp_path).curves[0]
     assert [piece.origin for piece in again.pieces] == [piece.origin for piece in whole.pieces]

@@ -26,6 +26,7 @@ from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.store.archive import StoredModel, save_model
+from fenicsrom.progress import asking
 
 FAMILY = f'response.families={{key="material.mass_damping", values=[{DAMPING}, {2 * DAMPING}]}}'
 
@@ -65,9 +66,9 @@ def interrupted(stored: StoredModel, folder: Path, points: int) -> Response:
         count += 1
         passed(walk)
 
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, asking(lambda: count >= points):
         patch.setattr(CurveWalk, "passed", counted)
-        found = response(stored, state=folder, stop=lambda: count >= points)
+        found = response(stored, state=folder)
     assert found.interrupted
     return found
 
@@ -111,7 +112,8 @@ def test_state_is_written_while_the_curve_grows(
         sizes.append(-1 if kept is None else len(kept.curve.points))
         return len({*sizes}) > 5
 
-    response(stored, state=tmp_path, stop=stop)
+    with asking(stop):
+        response(stored, state=tmp_path)
     assert sizes[-1] >= 4 and sizes == sorted(sizes)
 
 
@@ -173,8 +175,8 @@ def test_run_that_is_stopped_in_its_checks_keeps_its_curve() -> None:
     def is_checking() -> bool:
         return any("checking the curve" in line for line in lines)
 
-    with heard(lines.append):
-        found = response(oscillator("response.points=5"), stop=is_checking)
+    with heard(lines.append), asking(is_checking):
+        found = response(oscillator("response.points=5"))
     assert is_checking() and found.interrupted
     assert len(found.curves[0].points) == 5 and not found.curves[0].checks
 

@@ -188,11 +188,11 @@ def test_interrupted_ringdown_resumes_from_its_decays(
 ) -> None:
     decay, calls = module._decay, []
 
-    def once(job: tuple[StoredModel, float], report: object) -> object:
+    def once(job: tuple[StoredModel, float]) -> object:
         calls.append(job[1])
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return decay(job, report)
+        return decay(job)
 
     monkeypatch.setattr(module, "_decay", once)
     assert run(model, tmp_path / "out") == 130

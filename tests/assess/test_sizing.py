@@ -35,6 +35,7 @@ from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.progress import asking
 from fenicsrom.scene import Scene
 
 LOADS = [1.0, 0.02, 0.3, 1e-4, 0.01, 2e-3, 1e-5, 1e-5, 1e-5, 1e-5]
@@ -276,12 +277,10 @@ def test_interrupted_repetition_with_more_coordinates_keeps_the_curves(
 ) -> None:
     sizes = counted_runs(monkeypatch)
     monkeypatch.setattr(curve_size, "model_before_curves", lambda *_: None)
-    found = study.response(
-        stored_with("output.pictures=false", response=SWEEP),
-        folder=tmp_path,
-        stop=lambda: len(sizes) == 2,
-        workers=1,
-    )
+    with asking(lambda: len(sizes) == 2):
+        found = study.response(
+            stored_with("output.pictures=false", response=SWEEP), folder=tmp_path, workers=1
+        )
     assert sizes == [1, 4] and found.size == 1
     assert found.interrupted and found.curves[0].pieces[0].reason == "end of the range"
     assert any("4 was interrupted" in warning for warning in found.warnings)

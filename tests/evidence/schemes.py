@@ -25,7 +25,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 STUDIED = {**PAPER, "impact on 1e5 N/m": (*WALL, f"{CONTACT}gap=0.1", f"{KN}=1e5")}
 
 
-def study(job: tuple[str, Sequence[str], Mapping[str, Any], str, Path], report: Any) -> Series:
+def study(job: tuple[str, Sequence[str], Mapping[str, Any], str, Path]) -> Series:
     """All runs of one case: its name, overrides, and the table, source and folder of the scene."""
     name, changes, table, source, folder = job
     try:

@@ -46,6 +46,7 @@ from fenicsrom.online.stress.stress import von_mises
 from fenicsrom.post.base.origin import RESULTS
 from fenicsrom.post.paraview.disk_motion import moved_disk
 from fenicsrom.post.studies.disk_run_report import figure, report
+from fenicsrom.progress import asking
 from tests.disks import (
     CYCLIC,
     PERIODS,
@@ -361,13 +362,16 @@ def test_mistuned_run_reports_amplification_and_shares(
     np.testing.assert_allclose(table["amplitude_m"], found.peaks)
     assert all(any(file.match(name) for name in RESULTS) for file in found.files)
     assert "does not repeat after 2 periods" in " ".join(found.warnings)
-    stopped = run(scene, stop=lambda: True)
+    disk = build_disk(scene)
+    with asking(lambda: True):
+        stopped = run_disk(disk)
     assert stopped.interrupted and stopped.motion.periods == 1 and stopped.tuned is None
 
     def interrupt() -> bool:
         raise KeyboardInterrupt
 
-    cut = run(scene, stop=interrupt)
+    with asking(interrupt):
+        cut = run_disk(disk)
     assert cut.interrupted and cut.motion.periods == 1 and not cut.errors
     np.testing.assert_array_equal(cut.displacement, stopped.displacement[1:])
     monkeypatch.setattr("fenicsrom.online.motion.motion.ENERGY_ERROR", 0.0)

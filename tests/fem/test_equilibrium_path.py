@@ -19,6 +19,7 @@ from fenicsrom.assess.curves.equilibrium_path import EquilibriumPath, equilibriu
 from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.paths.equilibrium_path import PathPoint
 from fenicsrom.fem.solid.solid import build_solid
+from fenicsrom.progress import asking
 from fenicsrom.scene import Scene, make_scene, read_scene
 
 YOUNG, LENGTH, HEIGHT, DEPTH = 1e6, 1.0, 1.0, 0.1
@@ -380,7 +381,8 @@ def test_interrupted_path_keeps_its_points(tmp_path: Path) -> None:
         count += 1
         return count == 5
 
-    found = follow(block(tmp_path), stop=stop)
+    with asking(stop):
+        found = follow(block(tmp_path))
     assert found.interrupted and found.reason == "interrupted" and len(found.points) == 5
 
 

@@ -480,7 +480,7 @@ def test_estimate_of_a_run_up_is_its_distance_from_the_range_model(
     stored = tiny[0].with_overrides(
         (*RUN_UP, short, "contacts.0.gap=0.7e-3", "basis.accuracy=1e-3")
     )
-    found = fitted(stored, stored.simulate(keep_coordinates=True), lambda: False, [])
+    found = fitted(stored, stored.simulate(keep_coordinates=True), [])
     assert found is not None and peak_normal_force(found.motion) > 10.0
     exact = simulate(whole_for_run_up(found.stored), stored.scene)
     true, estimate = distances(found.motion, exact), found.errors

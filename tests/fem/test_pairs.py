@@ -478,7 +478,7 @@ def test_vectors_of_a_backbone_come_from_its_largest_motion() -> None:
     )
 
     def decay(reduction: Any) -> list[Motion]:
-        return training.motion_of_scene(reduction.model, scene, lambda: False)
+        return training.motion_of_scene(reduction.model, scene)
 
     trained = training.train(solid(scene), scene, decay, [scene])
     assert trained.dissipation > 0.0

@@ -29,7 +29,7 @@ from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.model.polynomial import elastic_force
 from fenicsrom.online.motion.motion import Interrupted, Motion
 from fenicsrom.online.run.march import integrate
-from fenicsrom.progress import listening
+from fenicsrom.progress import asking, listening
 from fenicsrom.scene import Time
 
 Array = NDArray[np.float64]
@@ -633,8 +633,8 @@ def test_stop_ends_the_run_after_a_period_and_keeps_the_motion() -> None:
     model, contacts = rubbing()
     answers = iter([False, True])
     time = Time.of(periods=5, steady_tolerance=0.0, steps_per_period=40)
-    with pytest.raises(Interrupted) as stopped:
-        integrate(Problem(model, contacts, time, PERIOD), stop=lambda: next(answers))
+    with pytest.raises(Interrupted) as stopped, asking(lambda: next(answers)):
+        integrate(Problem(model, contacts, time, PERIOD))
     partial = stopped.value.partial
     assert partial.periods == 2 and partial.steps == 80 and not partial.steady
     whole = integrate(Problem(model, contacts, time, PERIOD))
@@ -647,5 +647,6 @@ def test_stop_ends_the_run_after_a_period_and_keeps_the_motion() -> None:
 def test_stop_at_the_end_of_a_run_is_ignored() -> None:
     model, contacts = rubbing()
     time = Time.of(periods=1, steady_tolerance=0.0, steps_per_period=40)
-    motion = integrate(Problem(model, contacts, time, PERIOD), stop=lambda: True)
+    with asking(lambda: True):
+        motion = integrate(Problem(model, contacts, time, PERIOD))
     assert motion.periods == 1

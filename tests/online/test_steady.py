@@ -30,6 +30,7 @@ from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.store import load_start, save_checkpoint
 from fenicsrom.post.run.report import periodic_sentence
+from fenicsrom.progress import asking
 from fenicsrom.scene import Time
 from fenicsrom.scene.reading.reading import coarser, with_time
 
@@ -51,7 +52,7 @@ def duffing(
 
 def run(model: ReducedModel, period: float, contacts: Any = None, **options: Any) -> Motion:
     """A run of at most 400 periods of 100 steps; options of `Time` and of `integrate`."""
-    names = {"start", "resume", "stop", "checkpoint", "keep_coordinates"}
+    names = {"start", "resume", "checkpoint", "keep_coordinates"}
     given = {name: options.pop(name) for name in names & options.keys()}
     time = Time.of(
         **({"periods": 400, "steps_per_period": 100, "steady_tolerance": 1e-5} | options)
@@ -361,8 +362,8 @@ def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path)
         if len(kept) == after:
             save_checkpoint(path, model, scene, here)
 
-    with pytest.raises(Interrupted):
-        run(model, period, contacts, checkpoint=keep, stop=lambda: len(kept) == after, **options)
+    with pytest.raises(Interrupted), asking(lambda: len(kept) == after):
+        run(model, period, contacts, checkpoint=keep, **options)
     options.pop("start", None)
     motion = run(model, period, contacts, resume=load_start(path, model, scene), **options)
     assert motion.steady and motion.periods == whole.periods and motion.period == whole.period
@@ -389,9 +390,9 @@ def test_run_stops_during_newtons_method_and_resumes_to_the_same_motion(
         asked.append(len(kept))
         return asked.count(len(kept)) == 4
 
-    options = {"stop": stop, "checkpoint": lambda end: kept.append(copy.deepcopy(end))}
-    with pytest.raises(Interrupted) as caught:
-        run(model, period, contacts, steady_tolerance=tolerance, **options)
+    keep = {"checkpoint": lambda end: kept.append(copy.deepcopy(end))}
+    with pytest.raises(Interrupted) as caught, asking(stop):
+        run(model, period, contacts, steady_tolerance=tolerance, **keep)
     assert len(kept) == checkpoints and not caught.value.partial.steady
     resumed = run(model, period, contacts, steady_tolerance=tolerance, resume=kept[-1])
     assert whole.newton_from is not None and resumed.newton_from == whole.newton_from

@@ -25,6 +25,7 @@ from fenicsrom.online.store.archive import StoredModel, load_model, save_model
 from fenicsrom.online.store.scene_changes import changed_scene
 from fenicsrom.online.stress.stress import Deformation
 from fenicsrom.post.studies import sweep_report
+from fenicsrom.progress import asking
 from fenicsrom.scene.reading.overrides import make_axes
 from fenicsrom.study import sweeps
 
@@ -152,9 +153,9 @@ def test_resumed_sweep_computes_only_what_is_missing(
     computed: list[int] = []
     real = sweep_runs.compute
 
-    def counted(run: sweep_runs.SweepRun, report: Any) -> Any:
+    def counted(run: sweep_runs.SweepRun) -> Any:
         computed.append(run.number)
-        return real(run, report)
+        return real(run)
 
     monkeypatch.setattr(sweep_runs, "compute", counted)
     again = swept(model, tmp_path, over, resume=True)
@@ -185,7 +186,8 @@ def test_interrupted_sweep_keeps_finished_runs(model: Path, tmp_path: Path) -> N
     def stop() -> bool:
         return len(list((tmp_path / sweeps.RUNS).glob("*.npz"))) == 2
 
-    found = swept(model, tmp_path, ["loads.0.force=[10, 20, 30, 40]"], stop=stop)
+    with asking(stop):
+        found = swept(model, tmp_path, ["loads.0.force=[10, 20, 30, 40]"])
     assert found.interrupted
     assert [row.get("outcome") for row in found.rows] == [DONE, DONE, None, None]
     assert (tmp_path / "sweep.csv").is_file()

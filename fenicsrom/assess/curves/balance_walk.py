@@ -199,7 +199,7 @@ class BalanceWalk(CurveWalk):
 
     def _richer_wave(self, point: CurvePoint, richer: RicherModel) -> float | None:
         """As `_richer`, of a disk: the coordinates of its larger sector are not known."""
-        walk = BalanceWalk(richer.stored, ResponseCurve(None), self._report)
+        walk = BalanceWalk(richer.stored, ResponseCurve(None))
         walk._balance = balance_of(richer.stored, walk.family, self._balance.harmonics)
         try:
             near = walk.first(point.parameter)

@@ -10,7 +10,7 @@ compare with the motions of all coordinates that the model holds. Where the wors
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,7 +82,7 @@ class Sample:
 
 
 def model_before_curves(
-    stored: StoredModel, spare: int, workers: Workers, stop: Callable[[], bool], comm: Any
+    stored: StoredModel, spare: int, workers: Workers, comm: Any
 ) -> StoredModel | None:
     """A model with the coordinates that a few motions of each curve lack; None if they lack none.
 
@@ -90,14 +90,13 @@ def model_before_curves(
         stored: the model; its scene has a table [response].
         spare: number of coordinates that must stay out, to judge the others.
         workers: compute the motions, see `fenicsrom.assess.jobs`.
-        stop: asked often.
         comm: MPI communicator; all ranks get the same model.
 
     Raises:
-        KeyboardInterrupt: `stop` returned True.
+        KeyboardInterrupt: the work was asked to stop.
     """
     log.info("  a few motions of each curve choose the size of the model")
-    found = run_jobs(_samples, _each_curve(stored), lambda *_: None, workers, stop, comm)
+    found = run_jobs(_samples, _each_curve(stored), lambda *_: None, workers, comm)
     samples = [each for _, made in found if not isinstance(made, Exception) for each in made]
     accuracy = stored.scene.basis.accuracy
     return enlarged(
@@ -114,8 +113,7 @@ def curve_motions(stored: StoredModel) -> list[Motion]:
     found = []
     for own in _each_curve(stored):
         family = family_of(own)
-        points = _points(own, lambda *_: ask())
-        found += [periodic.recorded_motion(family(point.parameter), point.z) for point in points]
+        found += [periodic.recorded_motion(family(p.parameter), p.z) for p in _points(own)]
     if not found:
         raise ConvergenceError("response: no periodic motion was found on any curve")
     return found
@@ -129,18 +127,17 @@ def _each_curve(stored: StoredModel) -> list[StoredModel]:
     return [stored.with_values({families.key: value}) for value in families.values]
 
 
-def _samples(stored: StoredModel, report: Callable[[float, str], None]) -> list[Sample]:
-    """A few motions of the curve of a model; see `fenicsrom.assess.jobs.Job`."""
-    points = sorted(_points(stored, report), key=_height)[-POINTS:]
-    return [Sample.of(stored, point) for point in points]
+def _samples(stored: StoredModel) -> list[Sample]:
+    """A few motions of the curve of a model."""
+    return [Sample.of(stored, point) for point in sorted(_points(stored), key=_height)[-POINTS:]]
 
 
-def _points(stored: StoredModel, report: Callable[[float, str], None]) -> list[CurvePoint]:
+def _points(stored: StoredModel) -> list[CurvePoint]:
     """A few points of the curve of a model: its ends, the resonances and the peak beside them."""
     table, family = results.response_table(stored.scene), family_of(stored)
     points: list[CurvePoint] = []
     for value in (table.first, table.last, *_resonances(stored)):
-        report(0.0, "")
+        ask()
         try:
             motion = start_motion(stored, family, value)
         except (ConvergenceError, AccuracyError):

@@ -22,7 +22,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, job_err
 from fenicsrom.notes import STABILITY, Note, NoteKind
 from fenicsrom.online.contact.state import OPEN, SLIP
 from fenicsrom.online.stress.stress import Deformation
-from fenicsrom.progress import log, working_time
+from fenicsrom.progress import is_stopped, log, working_time
 from fenicsrom.scene import Scene
 from fenicsrom.words import brief, counted, enumerated
 
@@ -150,7 +150,6 @@ def varied_loads(scene: Scene) -> list[int]:
 def equilibrium_path(
     scene: Scene,
     comm: Any,
-    stop: Callable[[], bool] = lambda: False,
     visit: Callable[[PathPoint], None] = lambda point: None,
 ) -> EquilibriumPath:
     """Follow the equilibria of a scene as a factor multiplies its static loads.
@@ -158,7 +157,7 @@ def equilibrium_path(
     Args:
         scene: the scene; its table [statics] gives the range.
         comm: MPI communicator.
-        stop: asked at each point; the path ends where it returns True.
+
         visit: receives each point with its displacement.
 
     Returns:
@@ -182,7 +181,7 @@ def equilibrium_path(
     lowest = -table.last if table.lowest is None else table.lowest
     try:
         follower = PathFollower(body, sizes, lowest, table.last)
-        _follow(follower, body, found, stop, visit)
+        _follow(follower, body, found, visit)
         if follower.equations.asymmetry > SYMMETRIC:
             text = "the follower pressures have no potential: the tangent stiffness is not "
             text += "symmetric, and the negative pivots, which tell stable from unstable "
@@ -248,14 +247,13 @@ def _follow(
     follower: PathFollower,
     body: Solid,
     found: EquilibriumPath,
-    stop: Callable[[], bool],
     visit: Callable[[PathPoint], None],
 ) -> None:
     """Collect the points of the path.
 
     Raises:
         ConvergenceError: the path was lost.
-        KeyboardInterrupt: `stop` returned True.
+        KeyboardInterrupt: the work was asked to stop.
     """
     from fenicsrom.fem.body.stress_points import body_deformation
 
@@ -290,7 +288,7 @@ def _follow(
             log.info(
                 f"  {counted(len(found.points), 'point')}, load factor {point.load_factor:.4g}"
             )
-        if body.comm.bcast(stop()):
+        if body.comm.bcast(is_stopped()):
             raise KeyboardInterrupt
         if table.displacement is not None and np.linalg.norm(probe) >= table.displacement:
             found.reason = "displacement of the probe"

@@ -20,7 +20,7 @@ from fenicsrom.online.curves.continuation import Continuation, ForcedPeak, climb
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, Family, Shooting
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.progress import log, tell
+from fenicsrom.progress import ask, log
 from fenicsrom.scene import Scene
 from fenicsrom.scene.checks.curve_checks import keys_over, values_over
 from fenicsrom.scene.reading.overrides import in_words
@@ -118,7 +118,7 @@ class Peaks:
 
     def _reached(self, value: float, near: ForcedPeak, halvings: int) -> ForcedPeak | None:
         """The peak at a value from that at another one, if need be by way of values between."""
-        tell(0.0)
+        ask()
         peak = self._peak(value, near.point)
         if peak is not None or not halvings:
             return peak
@@ -181,7 +181,7 @@ class Peaks:
                 direction=direction,
                 points=table.points,
                 locate=False,
-                progress=lambda point: tell(0.0),
+                progress=lambda point: ask(),
             ).points
         ]
         top = max(points, key=height, default=best.point)

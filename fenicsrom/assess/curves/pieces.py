@@ -18,6 +18,7 @@ from fenicsrom.assess.curves.peaks import Peaks
 from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
 from fenicsrom.assess.curves.results import CurveFile, Reduced, ResponseCurve, response_table
 from fenicsrom.assess.curves.trust import Richer, RicherModel, checks
+from fenicsrom.assess.jobs import report
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.curves.arc import oriented
 from fenicsrom.online.curves.continuation import (
@@ -32,7 +33,7 @@ from fenicsrom.online.curves.continuation import (
 from fenicsrom.online.curves.curve import BACK, END, OUT_OF_POINTS, CurvePoint, Piece
 from fenicsrom.online.periodic.shooting import PeriodicMotion
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.progress import duration, listening, log, working_time
+from fenicsrom.progress import ask, duration, log, working_time
 from fenicsrom.scene.reading.overrides import in_words
 from fenicsrom.words import counted
 
@@ -54,34 +55,20 @@ class CurveWalk:
         curve: the curve, which grows.
     """
 
-    def __init__(
-        self,
-        stored: Reduced,
-        curve: ResponseCurve,
-        report: Callable[[float, str], None],
-        file: CurveFile | None = None,
-    ):
-        """Begin at the points that the curve has.
-
-        Args:
-            stored: the model.
-            curve: the curve.
-            report: receives the part of the range that is covered and a line; where it is only
-                asked whether to stop, 0 and an empty line. The callback raises KeyboardInterrupt to
-                stop the computation.
-            file: the file; None keeps nothing.
-        """
-        self.stored, self.curve = stored, curve
+    def __init__(self, stored: Reduced, curve: ResponseCurve, file: CurveFile | None = None):
+        """Begin at the points that the curve has; without a file, nothing is kept."""
+        self.stored, self.curve, self._file = stored, curve, file
         self.table, self.family = response_table(stored.scene), family_of(stored)
-        self._report, self._file = report, file
         self._said = self._kept = clock.perf_counter()
         self._wait = KEEP_INTERVAL
 
     # ------------------------------------------------------------------ progress
 
     def __call__(self, line: str = "") -> None:
-        """Report a line."""
-        self._report(self.fraction if line else 0.0, line)
+        """Ask whether to go on, and report a line."""
+        ask()
+        if line:
+            report(self.fraction, line)
 
     def place(self, value: float) -> str:
         """A value of the parameter in words."""
@@ -327,8 +314,7 @@ class CurveWalk:
             self.branches()
             self.isolated()
             if self.table.peak_over is not None and isinstance(self.stored, StoredModel):
-                with listening(lambda _: self()):  # it may stop the computation
-                    Peaks(self.stored, curve, richer).follow()
+                Peaks(self.stored, curve, richer).follow()
             other, limit = None, np.inf
             if richer is not None:
                 other, limit = Richer(family_of(richer.stored), richer.transfer), richer.limit

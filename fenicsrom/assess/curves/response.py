@@ -6,7 +6,7 @@ Each value of the second number gives one curve, computed in this process or in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -82,7 +82,6 @@ def response(
     state: Path | None = None,
     resume: Path | None = None,
     workers: Workers = 1,
-    stop: Callable[[], bool] = lambda: False,
     richer: RicherModel | None = None,
     comm: Any = None,
 ) -> Response:
@@ -95,7 +94,7 @@ def response(
         workers: largest number of processes that compute curves at the same time, or an executor.
             With processes, the calling script must be importable: put its code under
             `if __name__ == "__main__"`.
-        stop: asked at each point; the run ends when it returns True.
+
         richer: a model with a richer basis to compare with at selected points.
         comm: MPI communicator; several ranks share the curves, and all get all curves.
 
@@ -120,7 +119,7 @@ def response(
     jobs = _jobs(stored, state, resume, richer)
     if state is not None and (resume is None or resume.resolve() != state.resolve()):
         forget(state)
-    outcomes = _outcomes(found, jobs, workers, stop, comm)
+    outcomes = _outcomes(found, jobs, workers, comm)
     for outcome in outcomes:
         error = outcome.error or _incomplete(scene, outcome.curve)
         if error is not None:
@@ -159,14 +158,12 @@ def _jobs(
     ]
 
 
-def _outcomes(
-    found: Response, jobs: list[_Job], workers: Workers, stop: Callable[[], bool], comm: Any
-) -> list[_Outcome]:
+def _outcomes(found: Response, jobs: list[_Job], workers: Workers, comm: Any) -> list[_Outcome]:
     """Compute curves, as many as an interrupt allows, in order; arguments as `response`."""
     outcomes: dict[int, _Outcome] = {}
     progress = CurveProgress([curve_title(found.scene, job.value) for job in jobs])
     try:
-        for number, outcome in run_jobs(_compute, jobs, progress, workers, stop, comm):
+        for number, outcome in run_jobs(_compute, jobs, progress, workers, comm):
             if isinstance(outcome, ConvergenceError | AccuracyError):
                 outcome = _Outcome(ResponseCurve(jobs[number].value), outcome)
             outcomes[number] = outcome
@@ -347,8 +344,8 @@ class _Outcome:
     interrupted: bool = False
 
 
-def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
-    """Compute the curve of a job; `report` may raise KeyboardInterrupt."""
+def _compute(job: _Job) -> _Outcome:
+    """Compute the curve of a job, as far as an interrupt allows."""
     stored, families = job.stored, response_table(job.stored.scene).families
     richer = job.richer
     if families is not None:
@@ -363,7 +360,7 @@ def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
             job.state.save(curve, done=True)
         return outcome
     kind = BalanceWalk if uses_balance(stored.scene) else CurveWalk
-    walk = kind(stored, curve, report, job.state)
+    walk = kind(stored, curve, job.state)
     done = False
     try:
         walk.compute(richer)

@@ -193,21 +193,18 @@ def with_size(stored: StoredModel, other: Motion | None, size: int) -> StoredMod
     return stored.resized((*stored.labels[:kept], *joining))
 
 
-def fitted(
-    stored: StoredModel, motion: Motion, stop: Callable[[], bool], warnings: list[Note]
-) -> Sized | None:
+def fitted(stored: StoredModel, motion: Motion, warnings: list[Note]) -> Sized | None:
     """As `sized`, with runs from rest; a larger model that fails leaves the model as it was.
 
     Args:
         stored: the model under the scene.
         motion: its motion.
-        stop: the run ends when it returns True.
         warnings: receives a sentence if the accuracy is not reached.
     """
 
     def run(larger: StoredModel, near: tuple[Array, ...] | None) -> Motion:
         log.info(f"  {counted(larger.size, 'coordinate')}: {' '.join(larger.labels)}")
-        return simulate(larger.model, larger.scene, near=near, keep_coordinates=True, stop=stop)
+        return simulate(larger.model, larger.scene, near=near, keep_coordinates=True)
 
     try:
         found = sized(stored, motion, run)

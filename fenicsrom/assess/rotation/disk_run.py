@@ -8,7 +8,6 @@ share of h nodal diameters in the motion is
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -219,13 +218,12 @@ def reduction_notes(disk: StoredDisk) -> list[Note]:
     return found
 
 
-def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: False) -> DiskRun:
+def disk_run(disk: StoredDisk, timed: Timer) -> DiskRun:
     """Integrate a disk, and the tuned disk beside a mistuned one.
 
     Args:
         disk: the disk.
         timed: gives a context that times the stage of a name.
-        stop: called after each period; the run ends when it returns True.
 
     Raises:
         SceneError: the scene cannot be used.
@@ -235,7 +233,7 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
     whole, delta = disk_scene(scene), deviations(scene)
     model = disk_model(sector, whole, delta)
     with timed("disk motion"):
-        motion, unfinished, interrupted = _motion(model, whole, stop)
+        motion, unfinished, interrupted = _motion(model, whole)
     found = DiskRun(disk=disk, model=model, mistuning=delta, motion=motion)
     found.unfinished, found.interrupted = unfinished, interrupted
     warnings = found.warnings
@@ -248,7 +246,7 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
         if delta.any() and not found.ended:
             with timed("motion of the tuned disk"):
                 equal = disk_model(sector, whole, np.zeros_like(delta))
-                found.tuned, found.unfinished, found.interrupted = _motion(equal, whole, stop)
+                found.tuned, found.unfinished, found.interrupted = _motion(equal, whole)
         if disk.table is not None and scene.output.stresses != "none":
             with timed("stresses"):
                 found.peaks_of_stress = _peaks(disk.table, scene, model, motion)
@@ -273,7 +271,7 @@ def disk_run(disk: StoredDisk, timed: Timer, stop: Callable[[], bool] = lambda: 
 
 
 def _motion(
-    model: DiskModel, scene: Scene, stop: Callable[[], bool]
+    model: DiskModel, scene: Scene
 ) -> tuple[Motion, ConvergenceError | AccuracyError | None, bool]:
     """The motion of a disk, checked; the error that ended it, and whether it was interrupted.
 
@@ -287,7 +285,7 @@ def _motion(
 
     try:
         motion, failure = attempted(
-            lambda: simulate(model, scene, keep_coordinates=True, stop=stop, checkpoint=keep)
+            lambda: simulate(model, scene, keep_coordinates=True, checkpoint=keep)
         )
     except Interrupted as error:
         return error.partial, None, True

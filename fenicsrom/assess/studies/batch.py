@@ -40,7 +40,7 @@ class Batch:
         classes: the dataclasses of the results, by name; see `fenicsrom.online.store.store.unpack`.
         resume: whether to take results that the folder has.
         workers: compute the jobs, and so do the ranks of `comm`; see `run_jobs`.
-        stop: asked often; the jobs are interrupted where it returns True.
+
         comm: MPI communicator.
         interval: shortest time between two lines of progress, s.
         reused: number of results that the folder had.
@@ -52,7 +52,6 @@ class Batch:
     classes: Mapping[str, Any] = field(default_factory=dict)
     resume: bool = False
     workers: Workers = 1
-    stop: Callable[[], bool] = lambda: False
     comm: Any = None
     interval: float = INTERVAL
     reused: int = 0
@@ -92,7 +91,7 @@ class Batch:
         waiting = [k for k in range(len(jobs)) if k not in found]
         costs = cost or [1.0] * len(jobs)
         begin, said, total, spent = working_time(), 0.0, sum(costs[k] for k in waiting), 0.0
-        how = (self.workers, self.stop, self.comm) if after is None else (1, self.stop, None)
+        how = (self.workers, self.comm) if after is None else (1, None)
         try:
             for group in [waiting] if after is None else [[k] for k in waiting]:
                 chosen = [jobs[k] for k in group]
@@ -138,9 +137,9 @@ def _silent(number: int, fraction: float, line: str) -> None:
     """The lines of progress are written where the results arrive."""
 
 
-def _compute(task: _Task, report: Callable[[float, str], None]) -> Any:
+def _compute(task: _Task) -> Any:
     """Compute a job, and keep its result."""
-    result = task.function(task.job, report)
+    result = task.function(task.job)
     if task.file is not None:
         tree, arrays = pack(result)
         write_archive(task.file, {"format": FORMAT, "tree": tree}, arrays)

@@ -39,7 +39,7 @@ from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.progress import log
+from fenicsrom.progress import ask, log
 from fenicsrom.reduction.basis import ReducedBasis, project
 from fenicsrom.reduction.candidates import extended_basis
 from fenicsrom.reduction.modes import component_modes
@@ -395,13 +395,12 @@ def time_runs(
     return tuple(run.seconds / run.steps * motion.steps for run in runs), SHORT_PERIODS
 
 
-def compare(scene: Scene, comm: Any, stop: Callable[[], bool] = lambda: False) -> Comparison:
+def compare(scene: Scene, comm: Any) -> Comparison:
     """Compare every combination of a scene's [compare] table with the full model.
 
     Args:
         scene: the scene.
         comm: MPI communicator of the offline stage and the full model.
-        stop: as of `try_each`.
 
     Raises:
         SceneError: the scene or a combination is impossible.
@@ -425,7 +424,7 @@ def compare(scene: Scene, comm: Any, stop: Callable[[], bool] = lambda: False) -
             workshop = _workshop(scenes[mesh], scene, comm, cold)
         return try_out(workshop, scene, combination, full)
 
-    outcomes, interrupted = try_each(wanted, attempt, stop)
+    outcomes, interrupted = try_each(wanted, attempt)
     warned = list(dict.fromkeys(solid.warnings))  # the modes of each choice may say the same
     warned += outcome_notes(scene, outcomes)
     return Comparison(
@@ -481,7 +480,7 @@ def _workshop(first: Scene, scene: Scene, comm: Any, cold: dict[str, float]) -> 
         solid = solid_of(on_mesh, mesh)
     if scene.basis.masters == "motion":
         alone = replace(on_mesh, backbone=None, response=None)
-        move = partial(motion_of_scene, scene=alone, stop=lambda: False)
+        move = partial(motion_of_scene, scene=alone)
         with timed(seconds, "interface_vectors"):
             train(solid, alone, lambda reduction: move(reduction.model), [alone])
     return Workshop(solid, scene, seconds)
@@ -495,19 +494,16 @@ def warm_up(workshop: Workshop, scene: Scene) -> None:
 
 
 def try_each(
-    wanted: Sequence[Combination],
-    attempt: Callable[[Combination], Outcome],
-    stop: Callable[[], bool] = lambda: False,
+    wanted: Sequence[Combination], attempt: Callable[[Combination], Outcome]
 ) -> tuple[list[Outcome], bool]:
     """Try every combination; after each, report its result and the remaining time.
 
     Args:
         wanted: the combinations.
         attempt: tries one.
-        stop: asked before each.
 
     Returns:
-        The outcomes, and whether an interrupt or `stop` left some out.
+        The outcomes, and whether an interrupt left some out.
 
     Raises:
         KeyboardInterrupt: there is no outcome yet.
@@ -517,8 +513,7 @@ def try_each(
     for k, combination in enumerate(wanted):
         begin = clock.perf_counter()
         try:
-            if stop():
-                raise KeyboardInterrupt
+            ask()
             outcome = attempt(combination)
         except KeyboardInterrupt:
             if not outcomes:

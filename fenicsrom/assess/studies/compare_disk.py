@@ -5,7 +5,6 @@ Besides numbers of normal modes, [compare] may list schemes and time steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -39,13 +38,12 @@ from fenicsrom.scene.base.tables import require_none
 from fenicsrom.scene.checks.rotation_checks import require_disk_run
 
 
-def compare_disk(scene: Scene, comm: Any, stop: Callable[[], bool]) -> Comparison:
+def compare_disk(scene: Scene, comm: Any) -> Comparison:
     """Compare reduced disks of a scene's [compare] table with the whole disk in finite elements.
 
     Args:
         scene: a scene with the table [cyclic].
         comm: MPI communicator.
-        stop: as of `try_each`.
 
     Raises:
         SceneError: the scene or a combination is impossible.
@@ -72,7 +70,7 @@ def compare_disk(scene: Scene, comm: Any, stop: Callable[[], bool]) -> Compariso
         try:
             with timed(outcome.offline, "disk"):
                 disk = stored_disk(one, mesh, partial(timed, {}))
-            found = disk_run(disk, partial(timed, {}), stop)
+            found = disk_run(disk, partial(timed, {}))
             if found.interrupted:
                 raise KeyboardInterrupt
             for note in found.warnings:
@@ -91,7 +89,7 @@ def compare_disk(scene: Scene, comm: Any, stop: Callable[[], bool]) -> Compariso
         outcome.errors = errors_against(found.motion, beside, scene)
         return outcome
 
-    outcomes, interrupted = try_each(wanted, attempt, stop)
+    outcomes, interrupted = try_each(wanted, attempt)
     warned = [*body.warnings, *_disk_notes(told, len(outcomes)), *outcome_notes(scene, outcomes)]
     if deviations(scene).any() and body.loaded:
         text = "mistuning changes the moduli of the whole disk, but in reduced sectors the "

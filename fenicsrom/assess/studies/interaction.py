@@ -15,7 +15,7 @@ not: it has another history of wear.
 """
 
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.verdicts import CONTACT_ERROR
-from fenicsrom.assess.jobs import Workers, stop_of
+from fenicsrom.assess.jobs import Workers
 from fenicsrom.assess.rotation.critical_speeds import FrequencyCurve
 from fenicsrom.assess.studies.batch import Batch
 from fenicsrom.assess.studies.map_line import UNSETTLED, Line, Place, steps_of
@@ -181,7 +181,6 @@ def interaction_map(
     *,
     resume: bool = False,
     workers: Workers = 1,
-    stop: Callable[[], bool] = lambda: False,
     comm: Any = None,
 ) -> InteractionMap:
     """Compute the map of a model for a range of speeds.
@@ -193,7 +192,7 @@ def interaction_map(
         resume: whether to take what an earlier map has kept there.
         workers: compute the speeds, see `fenicsrom.assess.jobs`; a map that goes "up" or "down"
             continues from speed to speed and needs one process.
-        stop: asked often; the map ends when it returns True.
+
         comm: MPI communicator.
 
     Raises:
@@ -207,7 +206,7 @@ def interaction_map(
     points, turning = stored.model.points, scene.at_speed(float(speeds[-1]))
     rings = rings_of(turning, points, contacts_of(turning, points))
     found = InteractionMap(scene, [], stored.size, steps_of(scene), excited_orders(scene), rings)
-    batch = Batch("speed", folder, {"Line": Line}, resume, workers, stop, comm)
+    batch = Batch("speed", folder, {"Line": Line}, resume, workers, comm)
     path = model.resolve()  # workers may run in other folders
     jobs = [_Job(path, scene, rpm, k % CHECKED == 0) for k, rpm in enumerate(map(float, speeds))]
     jobs = jobs[:: -1 if table.start == "down" else 1]
@@ -254,10 +253,10 @@ def _failures(jobs: Sequence[_Job], done: Mapping[int, Any], ends: bool) -> list
     return [Note(NoteKind.FAILED, text) for text in texts]
 
 
-def _line(job: _Job, report: Callable[[float, str], None]) -> Line:
+def _line(job: _Job) -> Line:
     """The line of a job; errors as `Place.line`."""
     begin, stored = clock.process_time(), model_of(job.model, file_digest(job.model))
-    place = Place(stored, job.scene.at_speed(job.speed_rpm), stop_of(report))
+    place = Place(stored, job.scene.at_speed(job.speed_rpm))
     return replace(place.line(job.checked, job.before), seconds=clock.process_time() - begin)
 
 

@@ -20,7 +20,6 @@ small differences of the motion do.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -149,10 +148,10 @@ class Line:
 class Place:
     """A model at one speed, its contacts with their clearance, and its revolution."""
 
-    def __init__(self, stored: StoredModel, scene: Scene, stop: Callable[[], bool]):
+    def __init__(self, stored: StoredModel, scene: Scene):
         """Make the model of a scene at its speed."""
         assert scene.rotation is not None
-        self.scene, self.table, self.stop = scene, scene.map, stop
+        self.scene, self.table = scene, scene.map
         self.stored = stored.with_scene(scene)
         self.speed_rpm = scene.rotation.speed_rpm
         self.revolution = 60.0 / self.speed_rpm
@@ -276,14 +275,14 @@ class Place:
             start: displacement and velocity (n,); None starts at rest.
         """
         problem = self._problem(model, steps, before)
-        motion = integrate(problem, start=start, stop=self.stop)
+        motion = integrate(problem, start=start)
         verdict, period = verdict_of(motion, self.radial(motion, steps), steps, self.resolved)
         if self.table.steady == "newton" or (verdict not in (TORUS, OTHER) and period < 2):
             return motion
         time = problem.time.changed(periods=LATE, steady="newton", steady_tolerance=STEADY)
         assert motion.end is not None
         problem = problem.settled().with_own_wear(motion.end.worn)._replace(time=time)
-        exact = integrate(problem, start=end_of(motion), stop=self.stop)
+        exact = integrate(problem, start=end_of(motion))
         return exact if exact.steady else motion
 
     def _problem(self, model: ReducedModel, steps: int, before: Line | None) -> Problem:

@@ -24,7 +24,6 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.backbone import STILL, change_notes, linear_mode
 from fenicsrom.assess.curves.results import CurveRecord, require_polynomial
-from fenicsrom.assess.jobs import stop_of
 from fenicsrom.assess.studies.batch import Batch
 from fenicsrom.assess.studies.sweep_runs import digest_of
 from fenicsrom.errors import ConvergenceError, ErrorKind, job_error, refuse
@@ -147,9 +146,9 @@ def ringdown(stored: StoredModel, folder: Path | None = None, **how: Any) -> Rin
     return found
 
 
-def _decay(job: tuple[StoredModel, float], report: Any) -> tuple[list[Period], Array]:
+def _decay(job: tuple[StoredModel, float]) -> tuple[list[Period], Array]:
     """Periods and curve of a model with its step divided by a factor; errors as `ringdown`."""
-    (stored, shorter), stop, scene, model = job, stop_of(report), job[0].scene, job[0].model
+    (stored, shorter), scene, model = job, job[0].scene, job[0].model
     table, settings = scene.ringdown, scene.time
     mode, _, unit = linear_mode(stored, Problem.of(model, scene), "ringdown")
     length = 2.0 * np.pi / mode.omega
@@ -158,7 +157,7 @@ def _decay(job: tuple[StoredModel, float], report: Any) -> tuple[list[Period], A
     long, grown = steps * length, ramp * steps * length
     slow = {"scheme": "generalised-alpha", "spectral_radius": 0.0, "duration": grown + rest * long}
     held = _loaded(scene, Time.of(**slow, step=long), (0.0, 0.0), (grown, table.factor))
-    q, v, sliders = end_of(simulate(stored, held, stop=stop))
+    q, v, sliders = end_of(simulate(stored, held))
     shape = mode.shape.real / np.sqrt(mode.shape.real @ model.mass @ mode.shape.real)
     moved = q - mode.equilibrium
     if abs(shape @ model.mass @ moved) <= STILL * np.sqrt(moved @ model.mass @ moved):
@@ -169,7 +168,7 @@ def _decay(job: tuple[StoredModel, float], report: Any) -> tuple[list[Period], A
     stepping = {"tolerance": settings.tolerance} if settings.tolerance else {"step": step}
     time = settings.changed(duration=table.periods * length, **stepping)
     free = refined(_loaded(scene, time, (0.0, 0.0), (1.0, 0.0)), shorter)
-    motion = simulate(stored, free, start=(q, 0.0 * v, sliders), keep_coordinates=True, stop=stop)
+    motion = simulate(stored, free, start=(q, 0.0 * v, sliders), keep_coordinates=True)
     assert motion.coordinates is not None
     moved = unit * ((motion.coordinates - mode.equilibrium) @ (model.mass @ shape))
     periods = periods_of(motion, moved)

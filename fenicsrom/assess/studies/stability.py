@@ -416,6 +416,6 @@ def run_all(
     return [finding(k, found[k]) for k in range(len(wanted))]
 
 
-def _job(job: tuple[Case, Mapping[str, Any], str, Path], report: Any) -> Finding:
-    """`examine` as a job; see `fenicsrom.assess.jobs.Job`."""
+def _job(job: tuple[Case, Mapping[str, Any], str, Path]) -> Finding:
+    """`examine` as a job."""
     return examine(*job)

@@ -3,7 +3,6 @@
 import functools
 import hashlib
 import time as clock
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +14,6 @@ from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.plausibility import equilibrium_warnings
 from fenicsrom.assess.errors.sizing import fitted
 from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors, multiplicity_warnings
-from fenicsrom.assess.jobs import stop_of
 from fenicsrom.assess.rotation.disk_run import disk_run
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.notes import Note, NoteKind, packed, unpacked
@@ -127,8 +125,8 @@ def file_digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def compute(run: SweepRun, report: Callable[[float, str], None]) -> dict[str, Any]:
-    """Integrate one run and check it; see `fenicsrom.assess.jobs.Job`.
+def compute(run: SweepRun) -> dict[str, Any]:
+    """Integrate one run and check it.
 
     Returns:
         What the row of the run has besides its number and its values.
@@ -136,11 +134,8 @@ def compute(run: SweepRun, report: Callable[[float, str], None]) -> dict[str, An
     begin = clock.perf_counter()
     try:
         stored = stored_of(run.model, file_digest(run.model)).with_scene(run.scene)
-        stop = stop_of(report)
-        if isinstance(stored, StoredDisk):
-            found = _measured_disk(stored, stop)
-        else:
-            found = _measured(stored, stop)
+        measured: Any = _measured_disk if isinstance(stored, StoredDisk) else _measured
+        found: dict[str, Any] = measured(stored)
     except (SceneError, ConvergenceError, AccuracyError) as error:
         found = failure(error)
     return found | {"run_time_s": clock.perf_counter() - begin}
@@ -165,15 +160,15 @@ def model_of(path: Path, digest: str) -> StoredModel:
     return stored
 
 
-def _measured(stored: StoredModel, stop: Callable[[], bool]) -> dict[str, Any]:
+def _measured(stored: StoredModel) -> dict[str, Any]:
     """Integrate a model and measure its motion; a failed check makes the run doubtful.
 
     The notes are the reason of the doubt and the warnings: of large strains in the equilibrium, of
     buckling, of points that stick all the time, and of doubtful contact forces.
     """
     scene, warnings = stored.scene, equilibrium_warnings(stored.deformation)
-    motion = simulate(stored.model, scene, stop=stop, keep_coordinates=True)
-    chosen = fitted(stored, motion, stop, warnings)
+    motion = simulate(stored.model, scene, keep_coordinates=True)
+    chosen = fitted(stored, motion, warnings)
     if chosen is not None:
         stored, motion = chosen.stored, chosen.motion
     found: dict[str, Any] = {"outcome": DONE, **_numbers(scene, motion), "coordinates": stored.size}
@@ -195,14 +190,14 @@ def _measured(stored: StoredModel, stop: Callable[[], bool]) -> dict[str, Any]:
     return found | _judged(warnings, errors)
 
 
-def _measured_disk(disk: StoredDisk, stop: Callable[[], bool]) -> dict[str, Any]:
+def _measured_disk(disk: StoredDisk) -> dict[str, Any]:
     """Integrate a disk and measure its motion, as `_measured`.
 
     Raises:
-        KeyboardInterrupt: `stop` returned True.
+        KeyboardInterrupt: the work was asked to stop.
         ConvergenceError: the motion failed.
     """
-    run = disk_run(disk, lambda stage: nullcontext(), stop)
+    run = disk_run(disk, lambda stage: nullcontext())
     if run.interrupted:
         raise KeyboardInterrupt
     if isinstance(run.unfinished, ConvergenceError):

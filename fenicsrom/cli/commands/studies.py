@@ -25,6 +25,7 @@ from fenicsrom.cli.output import opened
 from fenicsrom.cli.printing import finish
 from fenicsrom.cli.starting import given_keys, source, workers
 from fenicsrom.cli.termination import is_stopped
+from fenicsrom.progress import asking
 from fenicsrom.scene import Scene, read_scene
 from fenicsrom.scene.reading.overrides import make_axes
 
@@ -142,11 +143,15 @@ def _compute(function: Callable[..., Any], unloaded: bool, options: argparse.Nam
 
         return changed_scene(scene, overrides, given.file)
 
-    with workers(options) as computing, opened(options, scene, comm) as folder:
+    with (
+        asking(is_stopped),
+        workers(options) as computing,
+        opened(options, scene, comm) as folder,
+    ):
         known = {
             **vars(options),
             **{"scene": scene, "given": given, "comm": comm, "folder": folder, "varied": varied},
-            **{"variant": variant, "workers": computing, "stop": is_stopped},
+            **{"variant": variant, "workers": computing},
         }
         if "keys" in names:
             known["keys"] = given_keys(options)

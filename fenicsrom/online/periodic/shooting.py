@@ -29,6 +29,7 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.period_map import PeriodEnd, PeriodMap
 from fenicsrom.online.step.state import Checkpoint, Record, scheme
 from fenicsrom.online.step.step import DONE
+from fenicsrom.progress import ask, asking
 from fenicsrom.words import counted
 
 Family = Callable[[float], Problem]
@@ -177,10 +178,6 @@ STABLE_WITHIN = 1e-8  # a multiplier outside the unit circle by less counts as o
 FALLBACK_STEPS = 200  # of a period, where the scene asks for an adaptive step
 
 
-class Stopped(Exception):
-    """Newton's method was asked to stop."""
-
-
 @dataclass(frozen=True, eq=False)
 class PeriodicMotion:
     """A periodic motion.
@@ -243,10 +240,7 @@ class Shooting:
         omega: that of the scales, 1/s.
         guess: (2, n) mean velocity of the step before the period and its growth, or None, and the
             size of that step, s: the first guess of the first step is extrapolated from them.
-        stop: asked before each march, which raises `Stopped` if it returns True; None asks nobody.
     """
-
-    stop: Callable[[], bool] | None = None
 
     def __init__(self, problem: Problem, m: int = 1, fractions: Array | None = None):
         """Make the map and the scales.
@@ -325,10 +319,9 @@ class Shooting:
             derive: whether to find the derivatives.
 
         Raises:
-            Stopped: `stop` returned True.
+            Stopped: the work was asked to stop.
         """
-        if self.stop is not None and self.stop():
-            raise Stopped
+        ask()
         guess, last_step = self.guess
         here, z = self.problem if problem is None else problem, self.unscaled(s)
         status, end = self.map(here, z, derive=derive, guess=guess, last_step=last_step)
@@ -517,7 +510,7 @@ def _motion(
 
 
 def recorded_motion(problem: Problem, z: Array, m: int = 1) -> Motion:
-    """One period of a periodic motion.
+    """One period of a periodic motion, for a report too: whoever asks to stop waits for it.
 
     Args:
         problem: of a reduced model.
@@ -527,7 +520,8 @@ def recorded_motion(problem: Problem, z: Array, m: int = 1) -> Motion:
     Raises:
         ConvergenceError: a step did not converge.
     """
-    status, end = Shooting(problem, m).map(problem, z, derive=False)
+    with asking(None):
+        status, end = Shooting(problem, m).map(problem, z, derive=False)
     if status != DONE:
         raise ConvergenceError("the periodic motion was lost when it was recorded")
     return motion_of(end.record, m * problem.period)

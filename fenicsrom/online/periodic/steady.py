@@ -244,7 +244,6 @@ def attempt(
     marched: int,
     before: PeriodicSearch | None = None,
     fractions: Array | None = None,
-    stop: Callable[[], bool] | None = None,
 ) -> Attempt:
     """Try Newton's method from a marched state.
 
@@ -254,12 +253,11 @@ def attempt(
         marched: periods marched so far.
         before: the record of the attempts before.
         fractions: instants in [0, 1] of a period on which the steps land; equal steps if not given.
-        stop: asked before each period; the attempt ends when it returns True.
 
     Raises:
-        Stopped: `stop` returned True.
+        Stopped: the work was asked to stop.
     """
-    search = _Search(problem.settled(), start, fractions, stop)
+    search = _Search(problem.settled(), start, fractions)
     iterations = before.iterations if before is not None else 0
     best: Attempt | None = None
     multiples = [1]
@@ -286,7 +284,6 @@ class _Search:
     problem: Problem
     start: Any
     fractions: Array | None
-    stop: Callable[[], bool] | None = None
 
     def shooting(self, m: int) -> tuple[Shooting, Array]:
         """The equation of a motion of m periods, and the marched state in its variables."""
@@ -294,7 +291,6 @@ class _Search:
         if grid is not None:
             grid = np.append(0.0, (np.arange(m)[:, None] + grid[1:]).ravel())
         found = Shooting(self.problem, m, grid)
-        found.stop = self.stop
         return found, found.scaled(start_variables(found, self.start))
 
     @cached_property

@@ -44,7 +44,6 @@ from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.online.motion.motion import Interrupted, Motion, check_scheme
 from fenicsrom.online.periodic import steady
-from fenicsrom.online.periodic.shooting import Stopped
 from fenicsrom.online.step.state import (
     ITERATIONS,
     REJECTED,
@@ -77,7 +76,7 @@ from fenicsrom.online.step.step import (
     measure,
     write,
 )
-from fenicsrom.progress import listening, tell, working_time
+from fenicsrom.progress import Stopped, is_stopped, listening, tell, working_time
 
 
 class Instant(NamedTuple):
@@ -184,17 +183,15 @@ class MarchRun:
         span: number of the last span that began.
         status: of the last call of `advance`.
         steady: whether the motion is steady.
-        stopped: whether `stop` ended the run.
+        stopped: whether the run was asked to stop.
         progress: as `integrate`.
         keep: `checkpoint` of `integrate`.
-        stop: as `integrate`.
         look: as `integrate`.
     """
 
     look: Callable[[Instant], None] | None = None
     progress: Callable[[float, float], None]
     keep: Callable[[Checkpoint], None]
-    stop: Callable[[], bool]
 
     def __init__(
         self,
@@ -318,10 +315,12 @@ def integrate(
     compiled: bool = True,
     progress: Callable[[float, float], None] = lambda fraction, change: None,
     checkpoint: Callable[[Checkpoint], None] = lambda checkpoint: None,
-    stop: Callable[[], bool] = lambda: False,
     look: Callable[[Instant], None] | None = None,
 ) -> Motion:
     """Integrate a model to its steady state, or to the given time.
+
+    It asks after each period, or without a period after each `ROWS` steps, and while Newton's
+    method marches, whether to stop (`fenicsrom.progress.asking`).
 
     With `problem.time.steady` "newton", Newton's method ends the run of a compiled `ReducedModel`
     (`fenicsrom.online.periodic.steady`). It tries at once where the run begins with a given
@@ -343,8 +342,6 @@ def integrate(
             since the last period.
         checkpoint: called with a checkpoint after each period, or without a period after each
             `ROWS` steps. Its arrays are overwritten afterwards.
-        stop: called at the same instants, and while Newton's method marches; the run ends when it
-            returns True.
         look: called after each step. The last period of a motion of Newton's method is marched;
             the periods before it, which Newton's method saves, are not seen.
 
@@ -357,13 +354,13 @@ def integrate(
             motion up to this step.
         AccuracyError: the energy balance is off (`online.motion.energy`); `partial` holds the
             motion.
-        Interrupted: `stop` returned True; `partial` holds the motion so far.
+        Interrupted: the work was asked to stop; `partial` holds the motion so far.
     """
     problem = problem.with_own_wear(None if resume is None else resume.worn)
     plan = scheme(problem.time.scheme, problem.model, problem.time.spectral_radius)
     advance = compiled_march if compiled and isinstance(problem.model, ReducedModel) else march
     run = MarchRun(problem, plan, advance, start, resume, keep_coordinates, 1 if look else ROWS)
-    run.near, run.progress, run.keep, run.stop, run.look = near, progress, checkpoint, stop, look
+    run.near, run.progress, run.keep, run.look = near, progress, checkpoint, look
     if advance is not march:  # load before the clock starts, by a call without a step
         advance(problem.model, problem.contacts, plan, run.control, run.state, 0.0, 0.0, run.record)
     begin = working_time()
@@ -385,7 +382,7 @@ def _march_spans(run: MarchRun, try_at_start: bool) -> None:
     """Run span after span until the motion is steady, fails or is stopped.
 
     Raises:
-        Stopped: `run.stop` returned True in Newton's method.
+        Stopped: the work was asked to stop in Newton's method.
     """
     problem, settings, period = run.problem, run.problem.time, run.problem.period
     spans = settings.periods if period is not None else 1
@@ -407,7 +404,7 @@ def _march_spans(run: MarchRun, try_at_start: bool) -> None:
             run.steady = _confirm(run, last=span == spans)
         run.progress(span / spans, change)
         run.keep(run.checkpoint(span))
-        run.stopped = not run.steady and span < spans and run.stop()
+        run.stopped = not run.steady and span < spans and is_stopped()
         if run.steady or run.stopped:
             return
 
@@ -451,7 +448,7 @@ def _run_span(run: MarchRun, spans: int) -> None:
             if run.problem.period is None and count:
                 run.keep(run.checkpoint(0, joined_rows(pieces[-1:], [count])))
                 is_over = run.status == FAILED or (run.status == DONE and end == stops[-1])
-                run.stopped = not is_over and run.stop()
+                run.stopped = not is_over and is_stopped()
         if run.status == FAILED or run.stopped:
             break
     # of the span before the last period, only the coordinates at its end are needed
@@ -491,7 +488,7 @@ def _try_newton(run: MarchRun, done: int) -> None:
     The last row of the record becomes that of the periodic motion.
 
     Raises:
-        Stopped: `run.stop` returned True; nothing has changed.
+        Stopped: the work was asked to stop; nothing has changed.
     """
     if run.approaching() or run.wearing:
         return
@@ -501,7 +498,7 @@ def _try_newton(run: MarchRun, done: int) -> None:
     if problem.time.tolerance:
         fractions = steady.fractions_of(run.history[-1], problem.period)
     begin, run.near = run.near or run.checkpoint(done), None
-    found = steady.attempt(problem, begin, done, run.search, fractions, run.stop)
+    found = steady.attempt(problem, begin, done, run.search, fractions)
     run.search = found.search
     if found.state is None:
         return

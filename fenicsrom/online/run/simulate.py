@@ -41,8 +41,8 @@ def simulate(
         scene: the scene.
         start: a motion whose end is the state at t = 0, or this state as displacement and velocity
             (n,) and sliders (P, d); by default the run starts at rest in the equilibrium.
-        options: `near`, `resume`, `keep_coordinates`, `progress`, `checkpoint`, `stop` and `look`
-            of `fenicsrom.online.run.march.integrate`.
+        options: `near`, `resume`, `keep_coordinates`, `progress`, `checkpoint` and `look` of
+            `fenicsrom.online.run.march.integrate`.
 
     Raises:
         SceneError: the model does not belong to the scene; all loads are static, and there is no

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -46,14 +46,14 @@ from fenicsrom.online.store.disk import StoredDisk
 from fenicsrom.online.store.scene_changes import (
     Change,
     Trained,
-    changed_scene,
+    UnderScenes,
     require_same_model,
     rest_changes,
 )
 from fenicsrom.online.store.store import pack, unpack, without
 from fenicsrom.online.stress.reactions import ReactionTable, Recovery, reduced_modes
 from fenicsrom.online.stress.stress import Deformation, StressLaw, StressTable, deformation_at
-from fenicsrom.scene import Bolt, Overrides, Scene, parse_scene, scene_table
+from fenicsrom.scene import Bolt, Scene, parse_scene, scene_table
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import brief
 
@@ -66,7 +66,7 @@ Meshes = tuple[ReducedModel, ReducedModel, list[int]]
 
 @brief("scene", "method", "size", "labels", "frequencies_hz", "dofs", "model", "recovery", "file")
 @dataclass(frozen=True, eq=False, repr=False)
-class StoredModel:
+class StoredModel(UnderScenes):
     """A reduced model with its scene, as a file holds it.
 
     Attributes:
@@ -196,20 +196,7 @@ class StoredModel:
             further=tuple(known[k] for k in order[len(labels) :]),
         )
 
-    def with_scene(self, scene: Scene) -> StoredModel:
-        """The same model under the loads, damping, contacts and time integration of a scene.
-
-        Args:
-            scene: a scene that agrees with the stored scene in all keys of the offline stage.
-
-        Raises:
-            SceneError: the scenes do not agree; the error names the first key that differs. Or the
-                model has no such `basis.size`.
-        """
-        return self._with_scene(scene, scene.source)
-
     def _with_scene(self, scene: Scene, source: str) -> StoredModel:
-        """As `with_scene`; messages name this source of the scene."""
         require_same_model(self.scene, scene, source)
         changes: dict[str, Any] = {
             "load_histories": load_histories(scene),
@@ -313,33 +300,6 @@ class StoredModel:
         )
         same = self.labels and {*self.labels} <= {*found.labels, *found.further}
         return made.resized(self.labels) if same else made
-
-    def with_overrides(self, overrides: Overrides) -> StoredModel:
-        """The same model under its scene with other values.
-
-        Args:
-            overrides: as `--set` takes them, such as "loads.0.force=200", one or several; or a
-                dict, such as {"loads.0.force": 200.0}.
-
-        Raises:
-            SceneError: an override is wrong, or changes a key of the offline stage.
-
-        Example:
-            >>> import fenicsrom as fr
-            >>> stored = fr.load_model("out/beam.npz")
-            >>> for force in (50, 100):
-            ...     motion = stored.with_overrides(f"loads.0.force={force}").simulate()
-            ...     print(f"{force} N: {1e3 * fr.amplitudes(motion)['tangential'][0]:.1f} mm")
-            50 N: 13.9 mm
-            100 N: 103.2 mm
-        """
-        source = self.file or self.scene.source
-        return self._with_scene(changed_scene(self.scene, overrides, source), source)
-
-    def with_values(self, values: Mapping[str, Any]) -> StoredModel:
-        """As `with_overrides`, with numbers in SI units, also if the scene has other [units]."""
-        source = self.file or self.scene.source
-        return self._with_scene(changed_scene(self.scene, values, source, si=True), source)
 
     @property
     def nodes(self) -> Array:

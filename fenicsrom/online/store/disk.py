@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,9 +9,9 @@ from fenicsrom.notes import Note, NoteKind, unpacked
 from fenicsrom.online.model.disk_model import Sector, load_diameters, require_families
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.run.simulate import load_histories
-from fenicsrom.online.store.scene_changes import Trained, changed_scene, require_same_model
+from fenicsrom.online.store.scene_changes import Trained, UnderScenes, require_same_model
 from fenicsrom.online.stress.stress import StressTable
-from fenicsrom.scene import Overrides, Scene
+from fenicsrom.scene import Scene
 from fenicsrom.scene.checks.rotation_checks import require_disk_run
 from fenicsrom.scene.keys.excitation import highest_frequency
 from fenicsrom.words import brief, counted
@@ -23,7 +22,7 @@ SLACK = 1.001
 
 @brief("scene", "sentence", "dofs", "diameters", "file")
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class StoredDisk:
+class StoredDisk(UnderScenes):
     """A reduced sector with its scene.
 
     Attributes:
@@ -59,24 +58,6 @@ class StoredDisk:
     provenance: dict[str, str] = field(default_factory=dict)
     file: str = ""
 
-    def with_scene(self, scene: Scene) -> StoredDisk:
-        """The disk under the loads, contacts, mistuning and time integration of a scene.
-
-        Raises:
-            SceneError: the scene differs in a key of the offline stage, or no disk can move so.
-        """
-        return self._with_scene(scene, scene.source)
-
-    def with_overrides(self, overrides: Overrides) -> StoredDisk:
-        """The disk under its scene with other values, as `StoredModel.with_overrides`."""
-        source = self.file or self.scene.source
-        return self._with_scene(changed_scene(self.scene, overrides, source), source)
-
-    def with_values(self, values: Mapping[str, Any]) -> StoredDisk:
-        """As `with_overrides`, with numbers in SI units."""
-        source = self.file or self.scene.source
-        return self._with_scene(changed_scene(self.scene, values, source, si=True), source)
-
     @property
     def model(self) -> ReducedModel:
         """The linear model of the sector, whose cut faces are free."""
@@ -95,7 +76,6 @@ class StoredDisk:
         return [*range(cyclic.sectors)] if isinstance(wanted, str) else sorted(set(wanted))
 
     def _with_scene(self, scene: Scene, source: str) -> StoredDisk:
-        """As `with_scene`; messages name this source of the scene."""
         require_same_model(self.scene, scene, source)
         require_disk_run(scene)
         require_families(self.sector, scene)

@@ -1,9 +1,9 @@
 """Keys that may change between two scenes of a stored model or of a continued run."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.model.disk_model import load_diameters
@@ -231,3 +231,61 @@ def changed_run_key(made: Scene, wanted: Scene) -> str | None:
     if (name := first_difference(made.time, wanted.time, settings)) is not None:
         return f"time.{name}"
     return "time" if (made.period is None) != (wanted.period is None) else None
+
+
+class UnderScenes:
+    """What is stored with its scene, and runs under others that share its offline stage.
+
+    Attributes:
+        scene: the scene.
+        file: the file from which it was read, for messages; "" if there is none.
+    """
+
+    scene: Scene
+    file: str
+
+    def with_scene(self, scene: Scene) -> Self:
+        """The same under the loads, damping, contacts and time integration of a scene.
+
+        Args:
+            scene: a scene that agrees with the stored scene in all keys of the offline stage.
+
+        Raises:
+            SceneError: the scenes do not agree; the error names the first key that differs. Or the
+                model has no such `basis.size`, or no disk can move so.
+        """
+        found: Self = self._with_scene(scene, scene.source)
+        return found
+
+    def with_overrides(self, overrides: Overrides, si: bool = False) -> Self:
+        """The same under its scene with other values.
+
+        Args:
+            overrides: as `--set` takes them, such as "loads.0.force=200", one or several; or a
+                dict, such as {"loads.0.force": 200.0}.
+            si: whether the numbers are in SI units, also if the scene has other [units].
+
+        Raises:
+            SceneError: an override is wrong, or changes a key of the offline stage.
+
+        Example:
+            >>> import fenicsrom as fr
+            >>> stored = fr.load_model("out/beam.npz")
+            >>> for force in (50, 100):
+            ...     motion = stored.with_overrides(f"loads.0.force={force}").simulate()
+            ...     print(f"{force} N: {1e3 * fr.amplitudes(motion)['tangential'][0]:.1f} mm")
+            50 N: 13.9 mm
+            100 N: 103.2 mm
+        """
+        source = self.file or self.scene.source
+        changed = changed_scene(self.scene, overrides, source, si=si)
+        found: Self = self._with_scene(changed, source)
+        return found
+
+    def with_values(self, values: Mapping[str, Any]) -> Self:
+        """As `with_overrides`, with numbers in SI units."""
+        return self.with_overrides(dict(values), si=True)
+
+    def _with_scene(self, scene: Scene, source: str) -> Any:
+        """As `with_scene`; messages name this source of the scene."""
+        raise NotImplementedError
