@@ -96,6 +96,29 @@ def test_iteration_ends_after_the_largest_number() -> None:
     assert len(caught.value.partial) == 3
 
 
+@pytest.mark.parametrize(("noise", "found"), [(1e-7, True), (1e-3, False)])
+def test_iteration_may_end_in_the_rounding_of_large_forces_at_rest(
+    monkeypatch: pytest.MonkeyPatch, noise: float, found: bool
+) -> None:
+    model, contacts, period = rubbing(0.4)
+    shooting = Shooting(Problem(model, contacts, period_steps(100), period))
+    s = shooting.scaled(start_variables(shooting, START))
+    exact = shooting.scaled(solve(shooting, s).z)
+    random, march = np.random.default_rng(0), shooting.march
+
+    def rounded(s: Any) -> Any:
+        residual, *others = march(s) or pytest.fail()
+        return residual + noise * random.uniform(-1.0, 1.0, residual.size), *others
+
+    monkeypatch.setattr(shooting, "march", rounded)
+    if not found:
+        with pytest.raises(ConvergenceError):
+            solve(shooting, s)
+        return
+    near = shooting.scaled(solve(shooting, s).z)
+    assert 1e-10 < np.linalg.norm(near - exact) <= 1e-5 * np.linalg.norm(exact)
+
+
 def test_stable_points_of_a_curve_equal_the_marched_steady_state() -> None:
     model, contacts, period = rubbing(0.4)
     problem = Problem(model, contacts, period_steps(100), period)

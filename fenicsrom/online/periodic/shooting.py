@@ -169,6 +169,7 @@ log = logging.getLogger(__name__)
 
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
 ROUNDING = 1e-8  # the same, of a residual that stays; stiff joints under bolts reach 1e-9
+NOISE = 1e-5  # residual and step, relative to what moves, of an iteration that rounding ends
 ITERATIONS = 60
 PATIENCE = 12
 LONGEST = 0.3  # Newton step relative to the variables; a longer one is shortened
@@ -428,7 +429,9 @@ def solve(
     larger. So it may grow, but a step is at most `LONGEST` times the variables; without contact,
     only one that makes the residual larger. The iteration ends if the steps did not become shorter
     for `PATIENCE` iterations. A residual of at most `ROUNDING` that an iteration did not make ten
-    times smaller is rounding.
+    times smaller is rounding, and so are a residual and a step of at most `NOISE` of displacements
+    and velocities where the iteration ends: contact forces at rest may be far above those of a
+    small motion.
 
     The last march of `shooting` is that of the motion.
 
@@ -470,6 +473,9 @@ def solve(
             return _motion(shooting, s, matrix, free, end, residuals)
         lengths.append(length)
         if int(np.argmin(lengths)) < len(lengths) - PATIENCE:
+            moves = float(np.linalg.norm(np.delete(s, shooting.sliders))) / size
+            if max(length, residuals[-1]) <= NOISE * moves:
+                return _motion(shooting, s, matrix, free, end, residuals)
             break
         bound = min(1.0, LONGEST * max(1.0, residuals[-1]) / length)
         s, found = _stepped(shooting, s, step, bound, residuals[-1] * size)
