@@ -1,25 +1,46 @@
 """Motions known in closed form, for tests of measures and figures."""
 
+from typing import Any
+
 import numpy as np
 
+from fenicsrom.online.curves.curve import CurvePoint, Extremes
 from fenicsrom.online.motion.motion import Motion
 
 PERIOD = 0.25
 FRICTION, NORMAL_STIFFNESS, STIFFNESS = 0.5, 1e4, 2e4
 
 # the documented keys of a response in summary.json
-RESPONSE_KEYS = [
-    "amplitude_m",
-    "fraction",
-    "peak_normal_force_N",
-    "peak_total_normal_force_N",
-    "friction_dissipation_per_period_J",
-    "energy_imbalance",
-    "steady",
-    "periods",
-    "steps",
-    "newton_iterations",
-]
+RESPONSE_KEYS = """
+    amplitude_m fraction peak_normal_force_N peak_total_normal_force_N
+    friction_dissipation_per_period_J energy_imbalance steady periods steps newton_iterations
+""".split()
+
+
+def curve_point(parameter: float, **fields: Any) -> CurvePoint:
+    """A motion of one contact point on a curve of one variable.
+
+    Args:
+        parameter: of the curve.
+        **fields: what matters in a test.
+    """
+    one = np.ones(1)
+    usual: dict[str, Any] = {
+        "z": np.zeros(1),
+        "s": np.zeros(1),
+        "tangent": np.array([0.0, 1.0]),
+        "amplitude": np.ones((1, 2)),
+        "peak_force": one,
+        "friction_dissipation": 0.0,
+        "multipliers": np.zeros(1, dtype=np.complex128),
+        "verdict": "stable",
+        "free_sliders": 0,
+        "states": np.ones(1, dtype=np.int64),
+        "residual": 0.0,
+        "marches": (1, 1),
+        "extremes": Extremes(one, one, one),
+    }
+    return CurvePoint(parameter, **usual | fields)
 
 
 def jenkins(

@@ -541,6 +541,21 @@ def on_ranks(
     return done
 
 
+def fresh_python(
+    program: str, *arguments: str, code: int = 0, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Run a program in a Python process of its own, which ends with a code."""
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == code, done.stderr
+    return done
+
+
 _WAITING: dict[int, Ranks] = {}
 
 
@@ -576,6 +591,48 @@ def arrays_of_one_and_two_ranks(
 
 
 @contextmanager
+def gmsh_session() -> Iterator[Any]:
+    """A quiet gmsh session of the test itself."""
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        yield gmsh
+        assert gmsh.isInitialized()
+    finally:
+        gmsh.finalize()
+
+
+def step_file(path: Path, build: Callable[[Any], Any]) -> Path:
+    """A .step file in millimetres of a body that `build` makes with gmsh's CAD kernel."""
+    with gmsh_session() as gmsh:
+        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+        build(gmsh.model.occ)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(path))
+    return path
+
+
+def rubbing_masses(
+    preload: float = 0.4, friction: float = 0.4, damping: float = 0.1
+) -> tuple[ReducedModel, Contacts, float]:
+    """Coupled masses, the first in front of a wall with friction; and the period of their load."""
+    model = linear_model(
+        np.eye(4),
+        np.diag([1.0, 2.0, 3.0, 4.0]) + 0.3 * np.ones((4, 4)),
+        damping=damping,
+        loads=np.array([[0.8], [1.2], [-0.5], [0.7]]),
+        load_histories=harmonic(np.array([3.0]), np.array([1.3]), np.array([0.3])),
+        masters=2,
+    )
+    contacts = one_contact(
+        preload=preload, normal_stiffness=6.0, tangential_stiffness=5.0, friction=friction
+    )
+    return model, contacts, 2.0 * np.pi / 1.3
+
+
+@contextmanager
 def heard(hear: Callable[[str], None]) -> Iterator[None]:
     """Pass the messages of the logger `fenicsrom` in the body to a function."""
     handler = logging.Handler(logging.INFO)
@@ -592,3 +649,50 @@ def heard(hear: Callable[[str], None]) -> Iterator[None]:
 def no_contacts(dimension: int = 2) -> Contacts:
     """The contacts of a scene that has none."""
     return planes(*np.zeros((5, 0)), dimension=dimension)
+
+
+def motions_of_all_unknowns(
+    loads: list[dict[str, Any]], nonlinear: bool = True
+) -> tuple[Motion, Motion]:
+    """Motions of a small beam that slips and lifts off at its tip, whose reduced coordinates are
+    all its unknowns, those of the contact first: of the reduced and of the full model."""
+    from fenicsrom.fem.full.full import full_model
+    from fenicsrom.reduction.basis import ReducedBasis, project
+
+    touch = {
+        "group": "tip",
+        "at": "centre",
+        "normal": [1.0, 0.0],
+        "preload": 5e3,
+        "friction": 0.4,
+        "normal_stiffness": 2e8,
+        "tangential_stiffness": 1e7,
+    }
+    sizes = (*STOCKY, "geometry.parameters.elements_along=2", "geometry.parameters.height=0.05")
+    scene = beam_scene(
+        2,
+        (*sizes, f"geometrically_nonlinear={str(nonlinear).lower()}"),
+        loads=loads,
+        contacts=[touch],
+        time={"periods": 2, "steps_per_period": 60, "steady_tolerance": 0},
+    )
+    solid = make_solid(scene)
+    node = [int(np.argmax(row)) for row in solid.contact_rows.toarray()]
+    order = [*node, *[k for k in free_unknowns(solid) if k not in node]]
+    identity = np.zeros((solid.local, len(order)))
+    identity[order, range(len(order))] = 1.0
+    basis = ReducedBasis("rubin", identity, tuple(map(str, order)), 2, {}, 1.0)
+    return simulate(project(solid, basis, nonlinear), scene), simulate(full_model(solid), scene)
+
+
+def assert_same_motion(one: Motion, other: Motion, tolerance: float) -> None:
+    """Motions of 120 steps with slip and lift-off agree in displacements, states and energies."""
+    assert one.steps == other.steps == 120 and {-1, 0} <= set(one.state.ravel())
+    size = np.abs(one.displacement).max(axis=0)
+    np.testing.assert_allclose(
+        one.displacement / size, other.displacement / size, rtol=0, atol=tolerance
+    )
+    np.testing.assert_array_equal(one.state, other.state)
+    for name in ("kinetic", "elastic", "work", "friction_dissipation"):
+        a, b = getattr(one, name), getattr(other, name)
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-5 * np.abs(a).max())

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import runpy
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,8 @@ import numpy as np
 import pytest
 from support import (
     beam_scene,
+    fresh_python,
+    gmsh_session,
     isotropic_tensor,
     oscillator,
     random_model,
@@ -55,8 +55,7 @@ fenicsrom.read_scene, fenicsrom.SceneError
 heavy = {"numba", "dolfinx", "mpi4py", "matplotlib"} & set(sys.modules)
 assert not heavy, heavy
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    fresh_python(code)
 
 
 def test_package_list_of_the_wheel_is_complete() -> None:
@@ -248,10 +247,8 @@ def frequencies(mesh: Any, scene: Any) -> Any:
 
 def test_gmsh_model_in_memory_gives_the_mesh_of_its_file(tmp_path: Path) -> None:
     pytest.importorskip("dolfinx")
-    gmsh = pytest.importorskip("gmsh")
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    pytest.importorskip("gmsh")
+    with gmsh_session() as gmsh:
         gmsh.model.add("plate")
         gmsh.model.occ.addRectangle(0.0, 0.0, 0.0, 1.0, 0.2)
         gmsh.model.occ.synchronize()
@@ -266,8 +263,6 @@ def test_gmsh_model_in_memory_gives_the_mesh_of_its_file(tmp_path: Path) -> None
         with pytest.raises(fenicsrom.SceneError) as caught:
             fenicsrom.mesh_from_gmsh_model(dimension=3)
         assert caught.value.kind is ErrorKind.MESH
-    finally:
-        gmsh.finalize()
     assert set(found.cell_groups) == {"solid"}
     assert set(found.facet_groups) == {"root", "tip", "load"}
     geometry = {"mesh": str(tmp_path / "plate.msh"), "dimension": 2, "thickness": 0.01}

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import ast
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse
+from support import fresh_python
 
 import fenicsrom
 
@@ -250,8 +249,7 @@ for name in {modules!r}:
 def test_light_packages_import_without_mesh_and_picture_modules() -> None:
     light = [name for name in MODULES if name.split(".")[1] in ("scene", "online", "reduction")]
     code = LIGHT.format(blocked=sorted(MESH | PICTURES), modules=light)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    fresh_python(code)
 
 
 def test_modules_of_the_commands_of_stored_models_need_no_dolfinx() -> None:
@@ -264,4 +262,4 @@ def test_modules_of_the_commands_of_stored_models_need_no_dolfinx() -> None:
         f"import importlib, sys; sys.modules.update(dict.fromkeys({sorted(MESH)}))\n"
         f"for name in {modules}: importlib.import_module('fenicsrom.' + name)"
     )
-    subprocess.run([sys.executable, "-c", program], check=True, cwd=PACKAGE.parent)
+    fresh_python(program)

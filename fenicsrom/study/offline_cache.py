@@ -1,4 +1,4 @@
-"""Offline results in the cache: nothing is computed twice.
+"""Offline results in the cache: no stage on the mesh is computed twice.
 
 Three archives belong to a scene. One holds the equilibrium and the component modes, one the
 selection, the derivatives, the basis and the reduced models, and one the larger model that has seen
@@ -9,10 +9,8 @@ results are the same to the last digit.
 
 Only runs on one rank use the cache: the arrays of several ranks belong to one partition of a mesh.
 
-Hashes of all that decides the offline results of a scene: the names of cache entries.
-
-The hashes cover the content of the mesh file and the scene with its defaults. A key of the scene
-matters unless it is left out here.
+The name of an archive is a hash of all that decides its content: the mesh file and the scene with
+its defaults, without the keys that this module leaves out.
 """
 
 from __future__ import annotations

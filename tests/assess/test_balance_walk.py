@@ -17,6 +17,8 @@ from fenicsrom.post.curves.response_report import report
 from fenicsrom.scene.checks.curve_checks import uses_balance
 from tests.assess.test_response import oscillator, scene_with
 
+pytestmark = pytest.mark.slow
+
 BALANCE = 'response.method="balance"'
 
 

@@ -33,6 +33,8 @@ from tests.disks import (
 from tests.fem.test_disk_run import sector_scene, tables
 from tests.support import refusal
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,7 +96,6 @@ def test_interrupted_comparison_keeps_the_disks_that_are_done(
         compare(scene, MPI.COMM_SELF)
 
 
-@pytest.mark.slow
 def test_frames_of_a_disk_in_space_turn_with_its_sectors(tmp_path: Path) -> None:
     """The nodes of the tips rub along a round casing, under a load on a group."""
     points, cells, ends = extruded(shrouded())

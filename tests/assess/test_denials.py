@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from motions import curve_point
 
 from fenicsrom.assess.curves import denials
 from fenicsrom.assess.curves.denials import Denials
@@ -19,22 +20,11 @@ Range = tuple[float, float] | None
 def point(parameter: float, unstable: Range, kind: str = "") -> CurvePoint:
     """A point at whose parameter one step finds a torus, if it lies in a range."""
     is_torus = unstable is not None and unstable[0] < parameter < unstable[1]
-    empty = np.zeros(0)
-    return CurvePoint(
-        parameter=parameter,
-        z=empty,
+    return curve_point(
+        parameter,
         s=np.array([parameter]),
-        tangent=np.array([0.0, 1.0]),
-        amplitude=np.ones((1, 1)),
-        peak_force=empty,
-        friction_dissipation=0.0,
         multipliers=np.array([1.1 if is_torus else 0.9], dtype=np.complex128),
         verdict="torus" if is_torus else "stable",
-        free_sliders=0,
-        states=np.zeros(1, dtype=np.int64),
-        residual=0.0,
-        marches=(1, 1),
-        extremes=None,  # type: ignore[arg-type]
         kind=kind,
     )
 

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from motions import curve_point
 
 from fenicsrom.assess.curves.stability_search import resolved_events
 from fenicsrom.online.curves.curve import Curve, CurvePoint, Extremes
@@ -17,26 +18,8 @@ SHARE = (2.0 * np.pi / STEPS) ** 2  # of the range of the normal force that is n
 
 def motion(parameter: float, force: float, kind: str = "", contact: int = -1) -> CurvePoint:
     """A motion whose largest trial normal force is given; nothing else matters."""
-    nothing = np.zeros(1)
-    extremes = Extremes(np.array([force]), np.array([RANGE - force]), nothing)
-    return CurvePoint(
-        parameter,
-        nothing,
-        nothing,
-        np.ones(2),
-        np.zeros((1, 2)),
-        nothing,
-        0.0,
-        np.zeros(1, dtype=complex),
-        "stable",
-        0,
-        np.ones(1, dtype=np.int64),
-        0.0,
-        (1, 1),
-        extremes,
-        kind,
-        contact,
-    )
+    extremes = Extremes(np.array([force]), np.array([RANGE - force]), np.zeros(1))
+    return curve_point(parameter, extremes=extremes, kind=kind, contact=contact)
 
 
 def curve_of(force: Callable[[float], float]) -> Curve:

@@ -282,6 +282,7 @@ def test_coexisting_motions_are_flagged() -> None:
     assert any("3000 rpm: another start leads to another motion" in one for one in found.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [0.0, 1e-13, -1e-13])
 def test_other_start_of_a_straight_blade_is_as_large_as_its_motion(first: float) -> None:
     """The first mode moves the tip along the casing, and away from it by rounding at most."""
@@ -440,6 +441,7 @@ def test_wear_that_half_the_step_changes_is_marked() -> None:
     assert fine["worn_depth_error"] < 0.06
 
 
+@pytest.mark.slow
 def test_map_that_goes_up_continues_with_the_worn_layer() -> None:
     """Two runs of 12 revolutions at nearly one speed wear what one of 24 does; a map from rest has
     new layers at each speed."""

@@ -24,6 +24,8 @@ from fenicsrom.post.run.report import run_sentences
 from fenicsrom.scene import Scene
 from fenicsrom.study.stored import rerun
 
+pytestmark = pytest.mark.slow
+
 COARSE = "geometry.parameters.elements_along=4"
 FINE = "geometry.parameters.elements_along=16"
 DEAD = {"group": "load", "direction": [0.0, 1.0], "force": 10.0}
@@ -105,7 +107,6 @@ def test_curves_have_the_estimates_of_the_frequencies_of_their_model() -> None:
     assert_effective(of_model(coarse).frequencies, coarse.frequencies_hz, fine.frequencies_hz)
 
 
-@pytest.mark.slow
 def test_errors_of_modes_keep_the_numbers_of_the_structure() -> None:
     """The load excites the modes of one plane; the basis leaves those of the other plane out."""
     cells = "geometry.parameters.elements_along=4", "geometry.parameters.load_at=0.5"
@@ -143,7 +144,6 @@ RUB = touching(at="centre", normal=[1.0, 0.0], preload=1.0, friction=0.3, tangen
 
 
 @pytest.mark.parametrize("contacts", [[], [RUB]])
-@pytest.mark.slow
 def test_motion_of_range_model_has_the_mesh_error_of_a_model_of_its_speed(
     contacts: Any, tmp_path: Path
 ) -> None:
@@ -161,7 +161,6 @@ def test_motion_of_range_model_has_the_mesh_error_of_a_model_of_its_speed(
     np.testing.assert_allclose(ours.directions, theirs.directions, rtol=1e-2, atol=1e-4)
 
 
-@pytest.mark.slow
 def test_run_up_on_coarse_mesh_is_refused_with_its_true_error(tmp_path: Path) -> None:
     history = "rotation.coriolis=true", "rotation.history=[[0.0, 300.0], [0.1, 600.0]]"
     time = "time={duration=0.1, step=2e-4}"

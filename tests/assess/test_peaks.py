@@ -16,6 +16,8 @@ from fenicsrom.online.run.simulate import load_histories
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.post.reports import report
 
+pytestmark = pytest.mark.slow
+
 FORCE, DAMPING, SPRING, FRICTION = 1.0, 0.04, 0.5, 0.5
 LOW, HIGH = 0.85 / (2.0 * np.pi), 1.4 / (2.0 * np.pi)
 
@@ -78,7 +80,6 @@ def found() -> Response:
     return response(damper())
 
 
-@pytest.mark.slow
 def test_peaks_and_optimum_of_a_damper_are_those_of_the_first_harmonic(found: Response) -> None:
     (curve,) = found.curves
     peaks = largest_peaks(curve.peaks)
@@ -97,7 +98,6 @@ def test_peaks_and_optimum_of_a_damper_are_those_of_the_first_harmonic(found: Re
     assert curve.optimum.step_error is not None and curve.optimum.step_error < 2e-3
 
 
-@pytest.mark.slow
 def test_peaks_are_those_of_the_whole_curves(found: Response) -> None:
     peaks = largest_peaks(found.curves[0].peaks)[::8]
     values = ", ".join(f"{peak.value!r}" for peak in peaks)
@@ -110,7 +110,6 @@ def test_peaks_are_those_of_the_whole_curves(found: Response) -> None:
         assert peak.amplitude == pytest.approx(top, rel=1e-4)
 
 
-@pytest.mark.slow
 def test_resumed_peaks_are_the_uninterrupted_ones(found: Response, tmp_path: Path) -> None:
     count = 0
 

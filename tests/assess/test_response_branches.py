@@ -30,6 +30,8 @@ from fenicsrom.online.store.archive import StoredModel, load_model, save_model
 from fenicsrom.post.curves.response_tables import summary
 from fenicsrom.progress import asking
 
+pytestmark = pytest.mark.slow
+
 # a range with three motions at its first frequency: a march from rest finds the lower one
 INSIDE = float(np.mean(fold_frequencies()))
 WINDOW = (f"response.first={INSIDE}", f"loads.0.frequency={INSIDE}", f"response.last={HIGH}")
@@ -53,7 +55,6 @@ def holmes() -> StoredModel:
     return replace(stored, model=stored.model._replace(elastic=elastic))
 
 
-@pytest.mark.slow
 def test_isolated_curve_is_found_through_the_load() -> None:
     lower = response(oscillator(*WINDOW)).curves[0]
     both = response(oscillator(*WINDOW, f"response.isolated=[{INSIDE}]")).curves[0]
@@ -183,7 +184,6 @@ def compared(stored: StoredModel, stiffness: float, own: float = 1.0) -> Respons
     return response(stored, richer=richer_of)
 
 
-@pytest.mark.slow
 def test_step_errors_at_selected_points_fall_with_the_square_of_the_step() -> None:
     coarse, fine = curve_at(50), curve_at(100)
     named = [
@@ -201,7 +201,6 @@ def test_step_errors_at_selected_points_fall_with_the_square_of_the_step() -> No
             assert 3.0 < one.step_error / other.step_error < 5.0
 
 
-@pytest.mark.slow
 def test_richer_basis_that_adds_nothing_has_no_error() -> None:
     curve = curve_at(50, richer=True)
     assert curve.basis_error is not None
@@ -210,7 +209,6 @@ def test_richer_basis_that_adds_nothing_has_no_error() -> None:
             assert check.basis_error is not None and check.basis_error < 1e-5
 
 
-@pytest.mark.slow
 def test_basis_that_must_grow_is_compared_at_the_named_points_only() -> None:
     for accuracy, others in (("1e-9", False), ("1.0", True)):
         stored = oscillator("time.steps_per_period=50", f"basis.accuracy={accuracy}")
@@ -240,7 +238,6 @@ def test_motion_that_a_richer_basis_finds_unstable_is_a_warning() -> None:
     }
 
 
-@pytest.mark.slow
 def test_stretch_between_spread_points_that_only_a_richer_basis_sees_is_a_warning(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -285,7 +282,6 @@ def on_stability(found: Response) -> list[str]:
     return [said for said in found.warnings if "stability" in said]
 
 
-@pytest.mark.slow
 def test_error_that_a_run_refuses_is_a_warning() -> None:
     found = compared(oscillator("time.steps_per_period=12"), 30.0)
     worst = max(check.step_error or 0.0 for check in found.curves[0].checks)
@@ -295,7 +291,6 @@ def test_error_that_a_run_refuses_is_a_warning() -> None:
     )
 
 
-@pytest.mark.slow
 def test_motions_that_a_richer_basis_does_not_find_are_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

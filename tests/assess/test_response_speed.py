@@ -15,6 +15,8 @@ from fenicsrom.assess.curves.response_problem import family_of, start_motion
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.store.archive import StoredModel
 
+pytestmark = pytest.mark.slow
+
 TABLE = "response={{parameter='rotation.speed_rpm', first={}, last={}}}"
 
 
@@ -76,7 +78,6 @@ def test_errors_of_the_step_are_of_second_order(
     np.testing.assert_allclose(np.array(found) / limit - 1.0, errors, rtol=0.05)
 
 
-@pytest.mark.slow
 def test_curve_passes_the_exact_peak() -> None:
     """The motion at 4650 rpm, 4.16e-3 m +- 1 %, that a run reaches from lower speeds only."""
     found = fr.response(over_speeds(4400.0, 4652.0))

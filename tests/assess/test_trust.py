@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import curve_point
 
 from fenicsrom.assess.curves import trust
 from fenicsrom.assess.curves.trust import Check, Richer, checks
-from fenicsrom.online.curves.curve import UNSURE, CurvePoint, Extremes, Piece
+from fenicsrom.online.curves.curve import UNSURE, CurvePoint, Piece
 
 PLACE = 100.32  # of a torus bifurcation
 
@@ -22,25 +23,9 @@ def growing(p: float) -> float:
 
 def motion(parameter: float, size: float, kind: str = "") -> CurvePoint:
     """A motion with a pair of multipliers; nothing else matters."""
-    nothing = np.zeros(1)
     pair = size * np.exp(1j * np.array([1.0, -1.0]))
-    return CurvePoint(
-        parameter,
-        nothing,
-        nothing,
-        np.ones(2),
-        np.ones((1, 2)),
-        nothing,
-        0.0,
-        pair,
-        "torus" if size > 1.0 else "stable",
-        0,
-        np.ones(1, dtype=np.int64),
-        0.0,
-        (1, 1),
-        Extremes(nothing, nothing, nothing),
-        kind,
-    )
+    verdict = "torus" if size > 1.0 else "stable"
+    return curve_point(parameter, multipliers=pair, verdict=verdict, kind=kind)
 
 
 Size = Callable[[float], float]

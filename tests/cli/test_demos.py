@@ -21,6 +21,8 @@ from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction import beam, stages
 from fenicsrom.scene import read_scene
 
+pytestmark = pytest.mark.slow
+
 DEMOS = Path(__file__).parents[2] / "demos"
 PAPER = ['time.scheme="average-acceleration"', "time.steps_per_period=200"]
 #             scene              full 2D           beam              open, slip, stick
@@ -79,7 +81,6 @@ def each(names, longest):
 
 
 @pytest.mark.parametrize("name", each(RECOMPUTED, "high_load_2d"))
-@pytest.mark.slow
 def test_beam_matches_the_recomputed_paper(name):
     """Reference: paper's beam as a planar beam, seven cases | recomputed |
     [tables 1 and 3](../demos/paper/README.md) | agree | 0.1 %
@@ -90,7 +91,6 @@ def test_beam_matches_the_recomputed_paper(name):
 
 
 @pytest.mark.parametrize("name", each(LINEAR_BEAM, "stick_slip_2d"))
-@pytest.mark.slow
 def test_linear_beam_matches_the_recomputed_paper(name):
     scene = demo(name, *PAPER, "geometrically_nonlinear=false")
     across, along = across_and_along(simulate(beam.beam_model(scene), scene))
@@ -98,7 +98,6 @@ def test_linear_beam_matches_the_recomputed_paper(name):
     assert along < 2e-3 * across  # nothing couples bending to the axis but the preload's onset
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["open_2d", pytest.param("stick_slip_2d", marks=pytest.mark.long)])
 def test_full_model_matches_the_recomputed_paper(name):
     """Reference: paper's beam, plane solid, four cases | paper; recomputed |
@@ -118,7 +117,6 @@ BASES = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "load"),
     [("slip_liftoff_2d", 0), pytest.param("high_load_2d", 1, marks=pytest.mark.long)],
@@ -146,7 +144,6 @@ def test_full_model_matches_the_recomputed_paper_and_reduced_models_match_it(nam
         assert error["amplitude_tangential"] < limits[load], (method, basis.labels)
 
 
-@pytest.mark.slow
 def test_basis_without_derivatives_locks():
     """Craig-Bampton with 14 modes and no derivatives locks: 87 % of the amplitude is lost."""
     wanted = ['basis.method="craig-bampton"', "basis.modes=14", 'basis.derivatives="none"']
@@ -157,7 +154,6 @@ def test_basis_without_derivatives_locks():
     assert 1.0 - across / RECOMPUTED["slip_liftoff_2d"][0][0] == pytest.approx(0.87, abs=0.01)
 
 
-@pytest.mark.slow
 def test_reduced_model_in_3d_matches_the_recomputed_amplitude():
     """157.07 mm is the full 3D model's; the reduced model is within 0.3 % of it.
 

@@ -153,6 +153,7 @@ def test_dashpot_at_the_end_of_a_bar_damps_it_as_in_the_closed_form() -> None:
         assert np.abs(values - exact).min() < 2e-3 * abs(exact)
 
 
+@pytest.mark.slow
 def test_reduced_model_with_dashpots_moves_as_the_full_one() -> None:
     """Both keep the energy ledger, and the dashpot dissipates as much in both."""
     run = (

@@ -49,6 +49,8 @@ from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Basis, Scene, read_scene
 from fenicsrom.study import run
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 
 DEMO = Path(__file__).parents[2] / "demos" / "blade_rub.toml"
@@ -85,7 +87,6 @@ def assert_close(motion: Motion, full: Motion) -> None:
     assert peak_total_normal_force(motion) == pytest.approx(peak_total_normal_force(full), rel=0.02)
 
 
-@pytest.mark.slow
 def test_reduced_blade_matches_full_blade() -> None:
     """1 200 unknowns, two revolutions: the tip rubs at several nodes, slips, and lifts off."""
     solid = make_solid(
@@ -109,7 +110,6 @@ def test_reduced_blade_matches_full_blade() -> None:
     assert motion.relative_imbalance < 1e-9 and full.relative_imbalance < 1e-9
 
 
-@pytest.mark.slow
 def test_blade_elsewhere_around_its_axis_gives_the_same_motion() -> None:
     """The angle of the casing's waves starts at the middle of the tip, so it turns with the
     blade."""
@@ -128,7 +128,6 @@ def test_blade_elsewhere_around_its_axis_gives_the_same_motion() -> None:
     np.testing.assert_allclose(forces[1], forces[0], rtol=0, atol=1e-6 * forces[0].max())
 
 
-@pytest.mark.slow
 def test_reduced_blade_with_coriolis_force_matches_full_blade() -> None:
     """Gyroscopic forces change the motion, do no work, and are equal in both models."""
     motions = {}
@@ -227,7 +226,6 @@ def balance(solid: Any, motion: Motion, q: Array, v: Array) -> tuple[Array, Arra
     return np.array(rates), np.array(forces), np.array(reactions)
 
 
-@pytest.mark.slow
 def test_contact_and_support_forces_balance_rate_of_momentum() -> None:
     """The full model balances to rounding in every step.
 
@@ -386,7 +384,6 @@ if solid.comm.rank == 0:
 """
 
 
-@pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_find_same_points_in_same_order(tmp_path: Path) -> None:
     one, two = arrays_of_one_and_two_ranks(POINTS, tmp_path)
@@ -560,7 +557,6 @@ def test_surface_with_other_normals_is_refused_by_stored_model() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_demo_rubs_to_a_steady_state() -> None:
     """As the head of the demo says: two rubs per revolution with slip and lift-off, steady after
     about forty revolutions."""

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
-import gmsh
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from support import refusal, touching
+from support import gmsh_session, refusal, step_file, touching
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.mesh.gmsh_model import pieces_of
@@ -25,19 +24,7 @@ from fenicsrom.post.studies.starter import outer_normal
 from fenicsrom.scene import Geometry, Plane, Region, parse_scene
 from fenicsrom.scene.keys.places import Meshing, Refinement
 
-
-def step_file(path: Path, build: Callable[[Any], None]) -> Path:
-    """A .step file in millimetres of a body that `build` makes with gmsh's CAD kernel."""
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
-        build(gmsh.model.occ)
-        gmsh.model.occ.synchronize()
-        gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
-    return path
+pytestmark = pytest.mark.slow
 
 
 def tube(wall: float) -> Callable[[Any], None]:
@@ -86,17 +73,13 @@ def bolted_plates(occ: Any) -> None:
 
 def faces_of_file(path: Path) -> dict[str, tuple[float, Any]]:
     """Area (m²) and box (6,) (m) of each face of a .step file, by its number."""
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session() as gmsh:
         gmsh.option.setString("Geometry.OCCTargetUnit", "M")
         occ = gmsh.model.occ
         occ.importShapes(str(path))
         occ.synchronize()
         faces = [tag for _, tag in gmsh.model.getEntities(2)]
         return {str(f): (occ.getMass(2, f), np.array(occ.getBoundingBox(2, f))) for f in faces}
-    finally:
-        gmsh.finalize()
 
 
 def read(path: Path, size: float, **keys: Any) -> Mesh:
@@ -116,7 +99,6 @@ def cells(mesh: Mesh) -> int:
     return int(mesh.domain.topology.index_map(3).size_global)
 
 
-@pytest.mark.slow
 def test_thin_wall_that_crosses_itself_is_meshed_finer(tmp_path: Path) -> None:
     """Eight or sixteen cells along the circles of a thin tube cross each other."""
     mesh = read(step_file(tmp_path / "tube.step", tube(0.5)), 0.03, curved=True)
@@ -124,7 +106,6 @@ def test_thin_wall_that_crosses_itself_is_meshed_finer(tmp_path: Path) -> None:
     assert volume(mesh) == pytest.approx(np.pi * (0.03**2 - 0.0295**2) * 0.1, rel=2e-3)
 
 
-@pytest.mark.slow
 def test_wall_that_no_cell_fits_is_refused_with_its_face(tmp_path: Path) -> None:
     path = step_file(tmp_path / "foil.step", tube(0.01))
     with refusal(ErrorKind.MESH, "geometry.size", "foil.step", names="face 4"):
@@ -151,7 +132,6 @@ def test_curvature_sets_the_number_of_cells_along_a_circle(tmp_path: Path) -> No
         assert polygon(number - 1e-6) <= fem.assemble_scalar(end) <= polygon(number + 1.1)
 
 
-@pytest.mark.slow
 def test_bodies_that_touch_are_joined_and_named(tmp_path: Path) -> None:
     found = inspect(step_file(tmp_path / "boxes.step", boxes), size=5e-3)
     sizes = {group.name: group.size for group in found.groups if group.kind == "cells"}
@@ -160,7 +140,6 @@ def test_bodies_that_touch_are_joined_and_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("build", [strip_on_plate, rings_on_plate, bolted_plates])
-@pytest.mark.slow
 def test_faces_of_touching_bodies_keep_their_places(
     build: Callable[[Any], None], tmp_path: Path
 ) -> None:
@@ -254,7 +233,6 @@ def test_bodies_in_contact_that_a_third_body_joins_are_refused(tmp_path: Path) -
     assert read(path, 0.02, apart=(("6", "11"),), glue=glue).has_facets("4+15")
 
 
-@pytest.mark.slow
 def test_face_of_a_support_has_smaller_cells(tmp_path: Path) -> None:
     """By default half as large, so that four times as many lie on the face."""
     path = step_file(tmp_path / "box.step", lambda occ: occ.addBox(0, 0, 0, 100, 20, 10))
@@ -304,7 +282,6 @@ def test_inspection_says_whether_curved_cells_work(tmp_path: Path) -> None:
     assert found.curved.startswith("works") and 0.0 < found.quality < 1.0
 
 
-@pytest.mark.slow
 def test_bore_has_no_outer_normal_but_its_end_face_has(tmp_path: Path) -> None:
     path = step_file(tmp_path / "tube.step", tube(8.0))
     found = inspect(path)

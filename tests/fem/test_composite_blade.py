@@ -19,13 +19,10 @@ from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import read_scene
 
 DEMO = Path(__file__).parents[2] / "demos" / "blade_composite.toml"
-SMALL = (
-    "geometry.parameters.elements_along=4",
-    "geometry.parameters.elements_across=2",
-    "time.steps_per_period=60",
-    "time.periods=1",
-    "time.steady_tolerance=0.0",
-)
+SMALL = """
+    geometry.parameters.elements_along=4 geometry.parameters.elements_across=2
+    time.steps_per_period=60 time.periods=1 time.steady_tolerance=0.0
+""".split()
 
 
 @pytest.mark.slow

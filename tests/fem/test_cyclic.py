@@ -32,6 +32,7 @@ def squares_of(sector: Any, h: int, count: int) -> Any:
         return wave_modes(body, count)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coriolis", [False, True])
 @pytest.mark.parametrize("part", [ring, hub])
 def test_waves_of_a_sector_are_the_modes_of_the_disk(
@@ -120,6 +121,7 @@ Physical Surface("body") = {{1}};
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("left", "right", "says"), [(5, 9, "'right' follow 9"), (9, 5, "of 'left'")]
 )

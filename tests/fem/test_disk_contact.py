@@ -31,6 +31,8 @@ from tests.disks import CYCLIC, PERIODS, N, extruded, pushes, scene_of, shrouded
 from tests.fem.test_disk_run import marched_alone
 from tests.support import refusal
 
+pytestmark = pytest.mark.slow
+
 MIDDLE = np.pi / N
 ACROSS = np.array([[-np.sin(MIDDLE), np.cos(MIDDLE), 0.0]])
 TIP = 14
@@ -140,7 +142,6 @@ def test_wedges_between_blades_rub_as_those_of_the_whole_disk(tmp_path: Path) ->
     assert moved < 1e-5 and pushed < 2e-5
 
 
-@pytest.mark.slow
 def test_shrouded_blades_swing_as_those_of_the_whole_disk(tmp_path: Path) -> None:
     """A nonlinear motion, of which the linear disk misses a quarter."""
     more = {"geometrically_nonlinear": True, "basis": {"modes": 6}, "force": 1e5}

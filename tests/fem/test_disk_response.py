@@ -32,6 +32,8 @@ from tests.fem.test_disk_contact import sector_scene as touching
 from tests.fem.test_disk_run import tables
 from tests.support import refusal
 
+pytestmark = pytest.mark.slow
+
 
 def blades(path: Path, order: int, hertz: float, force: float = 2e3, **more: Any) -> Any:
     """The sector of a bladed disk whose tip rubs a wall, loaded by an engine order."""
@@ -99,7 +101,6 @@ def test_wave_with_friction_is_that_of_the_marched_disk(
     assert abs(other / found.amplitude - 1.0).max() > 5e-5
 
 
-@pytest.mark.slow
 def test_wave_of_blades_that_touch_is_that_of_the_marched_disk(tmp_path: Path) -> None:
     """Shrouds rub on those of the next sector, which moves by the lag of the wave.
 
@@ -113,7 +114,6 @@ def test_wave_of_blades_that_touch_is_that_of_the_marched_disk(tmp_path: Path) -
     assert np.all(found.states & 2)  # all slip
 
 
-@pytest.mark.slow
 def test_large_waves_are_those_of_the_marched_disk(tmp_path: Path) -> None:
     """At 6 % of the length of the blades, where a linear disk would move twice as far."""
     scene = blades(tmp_path, 2, 170.0, 1e4, geometrically_nonlinear=True)

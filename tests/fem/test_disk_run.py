@@ -63,6 +63,8 @@ from tests.disks import (
 )
 from tests.support import assert_tangent, refusal
 
+pytestmark = pytest.mark.slow
+
 DEMOS = Path(__file__).parents[2] / "demos"
 RIM = np.array([[0.15 * np.sqrt(3.0), 0.15, 0.0]])
 ALONG, ACROSS = np.array([[[0.8, 0.6, 0.0]], [[-0.5, 0.5 * np.sqrt(3.0), 0.0]]])
@@ -204,7 +206,6 @@ def test_sector_of_two_different_blades_moves_as_the_whole_disk(tmp_path: Path) 
     assert abs(first / second - 1.0) > 0.02  # the blades differ
 
 
-@pytest.mark.slow
 def test_blades_swing_and_rub_as_those_of_the_whole_disk(tmp_path: Path) -> None:
     """Nonlinear motion of 40 mm, 13 % of the length of a blade: the linear disk is 100 % off."""
     points, cells = bladed()
@@ -282,7 +283,6 @@ def bladed_disk(modes: int) -> Any:
     )
 
 
-@pytest.mark.slow
 def test_waves_of_few_diameters_give_the_frequencies_of_all() -> None:
     """Three waves of 0, 1, 2 and 12 diameters: as in an independent program, on another mesh.
 
@@ -302,7 +302,6 @@ def test_waves_of_few_diameters_give_the_frequencies_of_all() -> None:
     assert 0.5 < found.max() / 1e-3 < 2.0
 
 
-@pytest.mark.slow
 def test_mistuned_blades_are_amplified_as_in_an_independent_disk() -> None:
     """24 blades, order 1, six disks of each deviation.
 
@@ -481,7 +480,6 @@ def test_stored_disk_moves_as_that_of_a_new_sector(tmp_path: Path) -> None:
         campbell(disk)
 
 
-@pytest.mark.slow
 def test_sweep_of_a_disk_gives_the_runs_of_its_values(tmp_path: Path) -> None:
     """Friction and seeds share one sector, and so do engine orders of the same waves."""
     scene = sector_scene(tmp_path, 1, cyclic=CYCLIC | {"mistuning": {"deviation": 0.01}})

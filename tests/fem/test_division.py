@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import gmsh
 import numpy as np
 import pytest
+from support import gmsh_session
 
 from fenicsrom import formats
 from fenicsrom.fem.mesh.inspection import inspect
@@ -63,19 +63,16 @@ def test_division_is_noted(tmp_path: Path) -> None:
     assert "hexahedra: 1" in note and "wedges: 2" in note and "tetrahedra" in note
 
 
+@pytest.mark.slow
 def test_plane_mesh_of_two_shapes_has_triangles(tmp_path: Path) -> None:
     path = tmp_path / "plane.msh"
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session() as gmsh:
         gmsh.model.addDiscreteEntity(2, 1)
         points = [0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0, 2, 0, 0]
         gmsh.model.mesh.addNodes(2, 1, range(1, 6), points)
         gmsh.model.mesh.addElementsByType(1, 3, [1], [1, 2, 3, 4])
         gmsh.model.mesh.addElementsByType(1, 2, [2], [2, 5, 3])
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
     found = inspect(path)
     assert found.cells == {"triangles": 3} and found.volume == pytest.approx(1.5)
 

@@ -22,6 +22,8 @@ from fenicsrom.fem.solid.solid import build_solid
 from fenicsrom.progress import asking
 from fenicsrom.scene import Scene, make_scene, read_scene
 
+pytestmark = pytest.mark.slow
+
 YOUNG, LENGTH, HEIGHT, DEPTH = 1e6, 1.0, 1.0, 0.1
 
 BLOCK = """\
@@ -114,7 +116,6 @@ def test_path_says_from_where_on_a_block_is_turned_inside_out(pressed: Equilibri
     assert "inside out" in warning and f"{first.load_factor:.6g} " in warning
 
 
-@pytest.mark.slow
 def test_large_last_load_factor_misses_nothing_at_the_start(
     pressed: EquilibriumPath, tmp_path: Path
 ) -> None:
@@ -129,7 +130,6 @@ def test_large_last_load_factor_misses_nothing_at_the_start(
     np.testing.assert_allclose(factors, force(stretch) / 0.25, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_negative_pivots_count_the_unstable_directions(pressed: EquilibriumPath) -> None:
     found = pressed
     stretch = np.array([1.0 + point.probe[0] / LENGTH for point in found.points if not point.kind])
@@ -182,7 +182,6 @@ def arch_scene(rise: float, span: float, force: float, elements: int) -> Scene:
     )
 
 
-@pytest.mark.slow
 def test_path_of_an_arch_is_that_of_load_control_and_solves_the_full_equations(arch: Scene) -> None:
     visited: list[PathPoint] = []
     found = follow(arch, visit=visited.append)
@@ -234,7 +233,6 @@ def shallow_arch(rise: float, span: float, section: float) -> Any:
     return solve
 
 
-@pytest.mark.slow
 def test_arch_snaps_and_buckles_as_the_beam_column() -> None:
     """Limit points at the extremes of P, bifurcations where N L² / E I = 8.9868² (sideways).
 
@@ -292,7 +290,6 @@ def test_path_of_a_straight_column_meets_its_euler_loads() -> None:
     assert max(abs(point.probe[1]) for point in found.points) < 1e-8
 
 
-@pytest.mark.slow
 def test_special_points_are_as_exact_on_a_path_to_a_large_load() -> None:
     near, far = (column(last).special for last in (10.0, 3000.0))
     for one, two in zip(near, far, strict=False):
@@ -318,7 +315,6 @@ Physical Surface("solid") = {1, 2}; Physical Curve("crown") = {2}; Physical Curv
 """
 
 
-@pytest.mark.slow
 def test_deep_arch_with_a_hinge_collapses_at_the_published_load(tmp_path: Path) -> None:
     """Circular arch of 215 degrees, one end hinged and the other clamped: P = 8.97 E I / R².
 
@@ -414,7 +410,6 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-@pytest.mark.slow
 @needs_mpirun
 def test_path_is_the_same_on_two_ranks(tmp_path: Path) -> None:
     demo = Path(__file__).parents[2] / "demos" / "arch_snap.toml"

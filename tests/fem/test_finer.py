@@ -67,17 +67,15 @@ def test_finer_elements_are_softer(pair: Any) -> None:
     assert 1.0 < more @ finer.factor.solve(more[:, None])[:, 0] / work < 1.1
 
 
-COARSE = (
-    "geometry.parameters.elements_along=2",
-    "geometry.parameters.load_at=0.5",
-    "basis.modes=2",
-    "basis.derivatives='all'",
-    "reference={}",
-    "output.pictures=false",
-    "output.paraview=false",
+COARSE = tuple(
+    """
+    geometry.parameters.elements_along=2 geometry.parameters.load_at=0.5 basis.modes=2
+    basis.derivatives='all' reference={} output.pictures=false output.paraview=false
+""".split()
 )
 
 
+@pytest.mark.slow
 def test_two_elements_along_a_beam_are_refused(tmp_path: Any) -> None:
     """Four times as many elements give the true error; the estimate is 1 to 2 times as large."""
     open_beam: dict[str, Any] = {"contacts": None, "probe": {"group": "tip"}}

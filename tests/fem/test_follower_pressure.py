@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from support import (
     STOCKY,
+    assert_same_motion,
     assert_tangent,
     beam_scene,
     dense,
     free_unknowns,
     make_solid,
+    motions_of_all_unknowns,
     random_directions,
     random_field,
     scene_of,
@@ -30,12 +32,9 @@ from mpi4py import MPI
 
 from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.equilibrium.buckling import _coupled_squares
-from fenicsrom.fem.full.full import full_model
 from fenicsrom.fem.solid.solid import KnownEquilibrium, build_solid, solid_of
 from fenicsrom.notes import NoteKind, has_kind
 from fenicsrom.online.model.loads import unit_tangent
-from fenicsrom.online.run.simulate import simulate
-from fenicsrom.reduction.basis import ReducedBasis, project
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.snapshots import fastest_growth, linear_model, require_bounded
 from fenicsrom.scene import Scene, make_scene
@@ -66,6 +65,7 @@ def solid(request: pytest.FixtureRequest) -> Any:
 # ------------------------------------------------------------------ forces and tangents
 
 
+@pytest.mark.slow
 def test_force_on_closed_surface_is_the_change_of_volume(solid: Any) -> None:
     """The resultant vanishes, and the work on the place x is minus d volumes.
 
@@ -207,6 +207,7 @@ def ring(folder: Path, pressure: float, **load: Any) -> Any:
 OUTSIDE = RADIUS / (RADIUS + THICKNESS / 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("follower", "factor"), [(True, 3.0), (False, 4.0 * OUTSIDE**2)])
 def test_ring_buckles_at_the_pressure_of_theory(
     follower: bool, factor: float, tmp_path: Path
@@ -350,42 +351,7 @@ def test_linear_transient_beyond_the_load_of_beck_is_refused() -> None:
 @pytest.mark.slow
 def test_full_model_moves_as_the_reduced_model_of_all_unknowns() -> None:
     """With a contact that slips and opens; also the work of the pressures."""
-    touch = {
-        "group": "tip",
-        "at": "centre",
-        "normal": [1.0, 0.0],
-        "preload": 5e3,
-        "friction": 0.4,
-        "normal_stiffness": 2e8,
-        "tangential_stiffness": 1e7,
-    }
     below = {"plane": {"point": [0.0, -0.025], "normal": [0.0, 1.0]}, "follower": True}
-    solid = make_solid(
-        beam_scene(
-            2,
-            (*STOCKY, "geometry.parameters.elements_along=2", "geometry.parameters.height=0.05"),
-            loads=[{**below, "pressure": 2e6, "frequency": 40.0}, {**below, "pressure": 5e5}],
-            contacts=[touch],
-            time={"periods": 2, "steps_per_period": 60, "steady_tolerance": 0},
-        )
-    )
-    node = [int(np.argmax(row)) for row in solid.contact_rows.toarray()]
-    order = [*node, *[k for k in free_unknowns(solid) if k not in node]]
-    identity = np.zeros((solid.local, len(order)))
-    identity[order, range(len(order))] = 1.0
-    basis = ReducedBasis("rubin", identity, tuple(map(str, order)), 2, {}, 1.0)
-    one, other = (
-        simulate(model, scene_of(solid)) for model in (project(solid, basis), full_model(solid))
-    )
-    assert one.steps == other.steps == 120 and {-1, 0} <= set(one.state.ravel())
-    size = np.abs(one.displacement).max(axis=0)
-    np.testing.assert_allclose(
-        one.displacement / size, other.displacement / size, rtol=0, atol=1e-5
-    )
-    np.testing.assert_array_equal(one.state, other.state)
-    for name in ("kinetic", "elastic", "work", "friction_dissipation"):
-        a, b = getattr(one, name), getattr(other, name)
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-5 * np.abs(a).max())
-
-
-# ------------------------------------------------------------------ input
+    loads = [{**below, "pressure": 2e6, "frequency": 40.0}, {**below, "pressure": 5e5}]
+    one, other = motions_of_all_unknowns(loads)
+    assert_same_motion(one, other, 1e-5)

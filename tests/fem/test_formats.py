@@ -12,12 +12,11 @@ import pytest
 
 pytest.importorskip("dolfinx")
 pytest.importorskip("meshio")
-import gmsh
 import meshio
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from support import group_names, needs_mpirun, on_ranks, refusal, touching
+from support import gmsh_session, group_names, needs_mpirun, on_ranks, refusal, step_file, touching
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.inspection import inspect
@@ -64,9 +63,7 @@ def write_msh(path: Path, kind: str, incomplete: bool, straight: bool = False) -
     """A unit cube or square of 2 cells each way, bent by a quadratic map; coordinates are multiples
     of 1/128."""
     dimension = CELLS[kind]
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session() as gmsh:
         gmsh.merge(str(shared_meshes() / f"beam{dimension}d.geo"))
         gmsh.clear()
         gmsh.parser.setNumber("structured", [float(kind.startswith(("quad", "hexa")))])
@@ -95,8 +92,6 @@ def write_msh(path: Path, kind: str, incomplete: bool, straight: bool = False) -
             )
             gmsh.model.mesh.setNode(number, [x, y, z] if straight else bent, [])
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
     return path
 
 
@@ -104,11 +99,9 @@ def convert(source: Path, path: Path, kind: str) -> Path:
     """The same mesh in another format; root and tip become node sets, shells with a property, or
     integer fields."""
     if path.suffix in (".msh", ".unv"):
-        gmsh.initialize(readConfigFiles=False, interruptible=False)
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.merge(str(source))
-        gmsh.write(str(path))
-        gmsh.finalize()
+        with gmsh_session() as gmsh:
+            gmsh.merge(str(source))
+            gmsh.write(str(path))
         return path
     mesh = meshio.read(source)
     cells = np.concatenate([block.data for block in mesh.cells if block.type == kind])
@@ -522,16 +515,7 @@ def test_scale_multiplies_coordinates(tmp_path: Path) -> None:
 
 def write_step(path: Path) -> Path:
     """A cylinder of 20 mm by 100 mm, along x."""
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
-        gmsh.model.occ.addCylinder(0, 0, 0, 100, 0, 0, 10)
-        gmsh.model.occ.synchronize()
-        gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
-    return path
+    return step_file(path, lambda occ: occ.addCylinder(0, 0, 0, 100, 0, 0, 10))
 
 
 @pytest.mark.slow

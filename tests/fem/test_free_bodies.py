@@ -125,6 +125,7 @@ STATIC = {"group": "tip", "direction": [0.0, 1.0], "force": 1.0}
 FORCE, LINEAR = STATIC | {"frequency": 3.0}, {"geometrically_nonlinear": False}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "tables"),
     [
@@ -217,6 +218,7 @@ def test_stresses_of_a_body_without_supports_are_refused() -> None:
         plane_scene(output={"stresses": "cauchy"})
 
 
+@pytest.mark.slow
 def test_free_lap_joint_is_the_same_in_small_and_large_displacements() -> None:
     """The bolts stiffen the joint by their tension, and the press of the strips takes it away."""
     tables = tomllib.loads(Path("demos/lap_joint.toml").read_text())

@@ -19,6 +19,8 @@ from fenicsrom.online.run.simulate import simulate
 from fenicsrom.post.run import report as sentences
 from fenicsrom.study import motions
 
+pytestmark = pytest.mark.slow
+
 
 def moving(linear: bool, pressed: bool) -> Any:
     """A short beam whose tip touches a stiff wall, if it is pressed."""

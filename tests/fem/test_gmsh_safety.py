@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("gmsh")
-import gmsh
-from support import refusal
+from support import gmsh_session, refusal
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.mesh.gmsh_files import load_file, open_gmsh
@@ -19,9 +18,7 @@ from fenicsrom.scene import Geometry
 
 def write_box(path: Path, incomplete: bool = False) -> Path:
     """A unit cube of eight hexahedra with the groups body and root; quadratic if incomplete."""
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session() as gmsh:
         gmsh.model.add("box")
         gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
         gmsh.model.occ.synchronize()
@@ -35,8 +32,6 @@ def write_box(path: Path, incomplete: bool = False) -> Path:
             gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 1)
             gmsh.model.mesh.setOrder(2)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
     return path
 
 
@@ -53,6 +48,7 @@ def test_script_with_the_suffix_of_data_does_not_run(
     assert not ran.exists()
 
 
+@pytest.mark.slow
 def test_script_beside_a_mesh_does_not_run(tmp_path: Path) -> None:
     ran, path = tmp_path / "ran", write_box(tmp_path / "a.msh")
     for name in (f"{path}.opt", tmp_path / "a.opt", tmp_path / "a.geo"):
@@ -61,6 +57,7 @@ def test_script_beside_a_mesh_does_not_run(tmp_path: Path) -> None:
     assert found.volume == pytest.approx(1.0) and not ran.exists()
 
 
+@pytest.mark.slow
 def test_groups_of_a_format_that_gmsh_reads_are_kept(tmp_path: Path) -> None:
     found = inspect(write_box(tmp_path / "a.unv"))
     groups = {(group.name, group.kind): group for group in found.groups}

@@ -29,7 +29,6 @@ from fenicsrom.fem.solid import finer
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.contact.surfaces import speed_history
 from fenicsrom.online.model.model import Problem, ReducedModel
-from fenicsrom.online.model.polynomial import elastic_force
 from fenicsrom.online.model.subspace import shifted
 from fenicsrom.online.model.turning import rest_row
 from fenicsrom.online.motion.measures import amplitude, peak_normal_force, wear_of
@@ -40,19 +39,17 @@ from fenicsrom.reduction import joined
 from fenicsrom.reduction.basis import ReducedBasis, project
 from fenicsrom.scene import Damping, Scene, read_scene
 
+pytestmark = pytest.mark.slow
+
 DEMO = Path(__file__).parents[2] / "demos" / "blade_rub.toml"
 RPM = 30.0 / np.pi
 UNSTRESSED = ("output.stresses='none'", "output.motion=false", "output.animation=false")
 UNDRAWN = ("--set", "output.pictures=false")
 BLADE = (*UNSTRESSED, "rotation.speeds_rpm=[0.0, 3000.0, 6000.0]", "rotation.coriolis=true")
-TINY = (
-    "geometry.parameters.elements_along=4",
-    "geometry.parameters.elements_across=1",
-    "contacts.0.gap=0.9e-3",
-    "time.steps_per_period=100",
-    "time.periods=3",
-    "time.steady_tolerance=0.0",
-)
+TINY = """
+    geometry.parameters.elements_along=4 geometry.parameters.elements_across=1
+    contacts.0.gap=0.9e-3 time.steps_per_period=100 time.periods=3 time.steady_tolerance=0.0
+""".split()
 
 
 def blade(*overrides: str) -> Scene:
@@ -106,7 +103,6 @@ def at_speed(stored: StoredModel, rpm: float, *more: str) -> StoredModel:
     return stored.with_overrides([f"rotation.speed_rpm={rpm}", *more])
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 @pytest.mark.parametrize(
     ("hub", "flaps", "higher", "allowed"),
@@ -167,7 +163,6 @@ def errors_at(etas: tuple[float, ...], solid: Solid, eta: float) -> tuple[float,
     return error, abs(float(elongation)), found[:2] / UNIT
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_joined_cantilever_matches_its_solid_between_and_beyond_its_speeds() -> None:
     """Lag and flap at eta = 6 of the solid are 4.2636 and 7.3604; one speed alone misses them.
@@ -186,7 +181,6 @@ def test_joined_cantilever_matches_its_solid_between_and_beyond_its_speeds() -> 
     assert error > 2e-3 and found[1] == pytest.approx(7.3792, abs=1e-3)
 
 
-@pytest.mark.slow
 def test_expansion_about_the_unloaded_shape_loses_no_digits(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -213,7 +207,6 @@ def test_expansion_about_the_unloaded_shape_loses_no_digits(
     np.testing.assert_allclose(np.sqrt(lowest[0]), np.sqrt(lowest[1]), rtol=1e-11)
 
 
-@pytest.mark.slow
 def test_model_at_a_speed_matches_the_solid_there(tiny: Any) -> None:
     stored, _ = tiny
     solid = make_solid(at_one_speed(blade(*TINY)))
@@ -235,7 +228,6 @@ def test_model_at_a_speed_matches_the_solid_there(tiny: Any) -> None:
         np.testing.assert_allclose(np.sqrt(whirling), np.sqrt(wanted), rtol=3e-5)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_errors_of_the_range_are_those_against_the_solid(tiny: Any) -> None:
     """At 1500 and 4500 rpm, the middles between the speeds of the basis."""
@@ -255,7 +247,6 @@ def test_errors_of_the_range_are_those_against_the_solid(tiny: Any) -> None:
     assert change == pytest.approx(coarse.whole.errors.frequency[0], rel=1e-2)
 
 
-@pytest.mark.slow
 def test_error_due_to_the_mesh_is_that_of_the_modes_at_the_speed(tiny: Any) -> None:
     _, path = tiny
     for rpm in (500.0, 3000.0):
@@ -266,7 +257,6 @@ def test_error_due_to_the_mesh_is_that_of_the_modes_at_the_speed(tiny: Any) -> N
         np.testing.assert_allclose(found, judged.frequencies, rtol=1e-3)
 
 
-@pytest.mark.slow
 def test_file_of_the_range_gives_the_same_model_at_each_speed(tiny: Any) -> None:
     stored, path = tiny
     read = load_model(path)
@@ -282,7 +272,6 @@ def test_file_of_the_range_gives_the_same_model_at_each_speed(tiny: Any) -> None
     np.testing.assert_array_equal(back.model.elastic.cubic, read.model.elastic.cubic)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_motion_at_a_speed_matches_that_of_a_model_of_this_speed(tiny: Any) -> None:
     stored, _ = tiny
@@ -299,7 +288,6 @@ def test_motion_at_a_speed_matches_that_of_a_model_of_this_speed(tiny: Any) -> N
     assert peak_normal_force(found) == pytest.approx(peak_normal_force(wanted), rel=2e-3)
 
 
-@pytest.mark.slow
 def test_sweep_over_the_speed_takes_one_model(tiny: Any, tmp_path: Path) -> None:
     stored, _ = tiny
     found = fenicsrom.sweep(
@@ -314,7 +302,6 @@ def test_sweep_over_the_speed_takes_one_model(tiny: Any, tmp_path: Path) -> None
     assert told == peaks
 
 
-@pytest.mark.slow
 def test_commands_take_any_speed_from_the_file(tiny: Any, tmp_path: Path) -> None:
     stored, path = tiny
     out = tmp_path / "run"
@@ -343,7 +330,6 @@ def test_commands_take_any_speed_from_the_file(tiny: Any, tmp_path: Path) -> Non
     assert sum("basis.modes" in text for text in asked.warnings) == 1
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_damping_of_a_range_is_that_of_the_solid_at_the_speed_of_the_scene() -> None:
     """The range model damps its modes at this speed as the solid does; at other speeds C stays."""
@@ -384,7 +370,6 @@ def test_what_a_range_of_speeds_cannot_do_is_refused(
         blade(override)
 
 
-@pytest.mark.slow
 def test_model_of_one_speed_has_no_diagram_and_no_other_speed(tiny: Any) -> None:
     stored, _ = tiny
     with refusal(ErrorKind.RANGE, "rotation.speed_rpm"):
@@ -399,40 +384,12 @@ def test_model_of_one_speed_has_no_diagram_and_no_other_speed(tiny: Any) -> None
         fenicsrom.run(blade(*TINY))
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_blade_of_the_demo_at_all_speeds_matches_the_solid() -> None:
-    """Frequencies (Hz) and the probe (mm) of the solid of 3,672 unknowns, solved at each speed."""
-    whole = fenicsrom.build_model(blade("basis.modes=4")).whole
-    assert whole is not None and whole.model.size < 85
-    for rpm, frequencies, tip in (
-        (0.0, (32.867, 115.232, 216.590, 281.335), (0.0, 0.0, 0.0)),
-        (1500.0, (43.546, 133.488, 219.849, 303.507), (0.40756, -6.36124, 11.70759)),
-        (4500.0, (85.102, 224.198, 236.884, 415.270), (1.33876, -12.65955, 22.81724)),
-    ):
-        found = whole.at(rpm / RPM, True, True)
-        np.testing.assert_allclose(found.frequencies_hz, frequencies, rtol=0, atol=1.5e-3)
-        np.testing.assert_allclose(1e3 * found.model.probe_offset, tip, rtol=0, atol=2e-5)
-    omega = 3000.0 / RPM
-    q = whole.equilibrium(omega)
-    scratch = np.empty(q.size), np.empty((q.size, q.size))
-    assert elastic_force(whole.model.elastic, q, *scratch) == pytest.approx(35.91, abs=0.01)
-    turned = whole.centrifugal @ q + 0.5 * q @ whole.softening @ q
-    assert -(omega**2) * turned == pytest.approx(-88.39, abs=0.01)
-    squares, _, _ = modes_at_speed(RangeBody(whole, 1500.0 / RPM), 4)
-    whirling = np.sqrt(squares) / (2.0 * np.pi)
-    np.testing.assert_allclose(
-        whirling, [43.5367, 133.4849, 219.8294, 303.5002], rtol=0, atol=1.5e-3
-    )
-
-
 RUN_UP = (
     "rotation.history=[[0.0, 1500.0], [0.1, 2500.0]]",
     "time={duration=0.1, steps_per_revolution=240}",
 )
 
 
-@pytest.mark.slow
 def test_model_for_a_run_up_matches_the_range_model_at_all_speeds(
     tiny: tuple[StoredModel, Path],
 ) -> None:
@@ -471,7 +428,6 @@ def test_model_for_a_run_up_matches_the_range_model_at_all_speeds(
         assert np.linalg.norm(ours - theirs) < 0.05 * np.linalg.norm(theirs)
 
 
-@pytest.mark.slow
 def test_estimate_of_a_run_up_is_its_distance_from_the_range_model(
     tiny: tuple[StoredModel, Path],
 ) -> None:
@@ -505,7 +461,6 @@ def whole_for_run_up(stored: StoredModel) -> ReducedModel:
     )
 
 
-@pytest.mark.slow
 def test_run_at_a_constant_history_matches_the_model_at_this_speed(
     tiny: tuple[StoredModel, Path],
 ) -> None:
@@ -525,7 +480,6 @@ def test_run_at_a_constant_history_matches_the_model_at_this_speed(
     assert abs(measured.balance) < 1e-11 * measured.contact_work
 
 
-@pytest.mark.slow
 def test_model_of_a_curve_over_the_speed_moves_as_the_model_at_a_speed(
     tiny: tuple[StoredModel, Path],
 ) -> None:
@@ -541,7 +495,6 @@ def test_model_of_a_curve_over_the_speed_moves_as_the_model_at_a_speed(
         np.testing.assert_allclose(found.amplitude.max(0), exact.amplitude.max(0), rtol=allowed)
 
 
-@pytest.mark.slow
 def test_run_up_with_rub_and_wear_balances(tiny: tuple[StoredModel, Path]) -> None:
     """The ledger of the blade, and the works of the shaft; the plastic work of the layer is not
     one of the forces on the blade, and is what its depths say."""
@@ -593,7 +546,6 @@ def test_history_of_the_speed_names_what_it_needs() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_blade_that_runs_up_through_its_resonance_has_the_known_peak() -> None:
     """Test D: the blade of the demo without contact, from 900 to 1500 rpm in 2 s, against another
     program on matrices of the same solid.
@@ -629,7 +581,6 @@ def test_blade_that_runs_up_through_its_resonance_has_the_known_peak() -> None:
     assert other.amplitude.max() == pytest.approx(6.904e-3, abs=5e-5)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged")
 def test_nearly_dependent_vectors_of_the_joined_basis_count(
     monkeypatch: pytest.MonkeyPatch,
@@ -642,7 +593,6 @@ def test_nearly_dependent_vectors_of_the_joined_basis_count(
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_run_up_with_rub_balances_and_writes_its_revolutions(
     tiny: tuple[StoredModel, Path], tmp_path: Path
 ) -> None:

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 import fenicsrom as fr
 from tests.fem.test_pairs import blocks, hertz, lap, solid
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 RIGID = {"young": 1e16, "poisson": 0.0, "density": 100.0, "mass_damping": 1e4}
 LAST = {"periods": 2, "steps_per_period": 200, "steady": "march"}
@@ -30,7 +32,6 @@ def loop(scene: Any) -> tuple[Array, float]:
     return 0.5 * np.ptp(motion.probe[last], axis=0), float(spent[-1] - spent[0])
 
 
-@pytest.mark.slow
 def test_block_that_slides_on_another_is_a_jenkins_element(tmp_path: Path) -> None:
     """4 μN (u − μN/k) of 600 N and 8e8 N/m, beside a spring to the ground (test A).
 
@@ -87,7 +88,6 @@ def wedge_mesh(path: Path, angle: float) -> Path:
     return path
 
 
-@pytest.mark.slow
 def test_wedge_damper_has_the_forces_and_the_loss_of_the_closed_form(tmp_path: Path) -> None:
     """On a platform ½C cot(α ± φ) as it opens and closes; ΔH (2U − ΔH/K) a face (test D).
 
@@ -126,7 +126,6 @@ def test_wedge_damper_has_the_forces_and_the_loss_of_the_closed_form(tmp_path: P
     assert spent == pytest.approx(2.0 * change * (2.0 * moved[0] - change / stuck), rel=5e-4)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("force", "half_range", "loss"),
     [(10.0, 1.09107770e-3, 4.5219e-5), (30.0, 3.27484602e-3, 8.3488e-4)],
@@ -190,7 +189,6 @@ def cylinders(path: Path, radius: float, cell: float) -> Path:
     return path
 
 
-@pytest.mark.slow
 def test_pressed_cylinders_dissipate_as_cattaneo_and_mindlin_say(tmp_path: Path) -> None:
     """D = 4μ²P²/πE* [(1 − φ) ln(1 − φ) + φ − φ²/2], φ = Q/μP (test C); stiff springs press.
 

@@ -11,14 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import (
-    STOCKY,
-    arrays_of_one_and_two_ranks,
-    beam_scene,
-    make_solid,
-    needs_mpirun,
-    refusal,
-)
+from support import STOCKY, beam_scene, make_solid, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Load, Place, parse_scene, read_scene
@@ -158,6 +151,7 @@ def beam(dimension: int, *loads: Any, **given: Any) -> Any:
     return make_solid(beam_scene(dimension, overrides, loads=list(loads), **tables))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dimension", "tolerance"), [(2, 1e-3), (3, 2e-3)])
 def test_tip_under_uniform_load_matches_timoshenko(dimension: int, tolerance: float) -> None:
     """w = q L^4 / (8 EI) + q L^2 / (2 kappa GA), for a traction on the top, a pressure on the
@@ -361,36 +355,3 @@ def test_reduced_model_under_base_excitation_matches_full_model(struck: tuple[Pa
         assert all(np.min(np.abs(motion.time - time)) < 1e-12 for time in (0.02, 0.03, 0.06))
     y = np.interp(full.time, reduced.time, reduced.displacement[:, 0, 1])
     assert np.abs(y - full.displacement[:, 0, 1]).max() < 1e-2 * np.abs(y).max()
-
-
-CHAIN = """
-import sys
-import numpy as np
-from mpi4py import MPI
-from test_loads import blade
-
-comm = MPI.COMM_WORLD
-solid = blade(6, 4, loads=[
-    {"group": "pressure", "pressure": 2e4},
-    {"group": "load", "direction": [0.0, 0.6, 0.8], "traction": 1e4},
-    {"direction": [0.0, 0.0, 1.0], "acceleration": 50.0, "frequency": 30.0},
-])
-x = solid.space.tabulate_dof_coordinates()[: solid.local // 3]
-block = np.column_stack([solid.load_vectors, solid.equilibrium])
-rows = np.column_stack([np.repeat(x, 3, axis=0).round(9), np.tile(np.arange(3), len(x)), block])
-parts = comm.gather(rows)
-if comm.rank == 0:
-    rows = np.concatenate(parts)
-    np.savez(sys.argv[1], table=rows[np.lexsort(rows[:, 3::-1].T)], ranks=comm.size)
-"""
-
-
-@pytest.mark.slow
-@needs_mpirun
-def test_two_ranks_give_the_same_loads(tmp_path: Path) -> None:
-    one, two = (found["table"] for found in arrays_of_one_and_two_ranks(CHAIN, tmp_path))
-    np.testing.assert_array_equal(one[:, :4], two[:, :4])
-    size = np.abs(one[:, 4:]).max(axis=0)
-    assert np.all(size > 0)
-    np.testing.assert_allclose(two[:, 4:7] / size[:3], one[:, 4:7] / size[:3], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(two[:, 7], one[:, 7], rtol=0, atol=1e-8 * size[3])

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
 from mpi4py import MPI
-from support import group_names, refusal
+from support import gmsh_session, group_names, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.body.supports import connected_pieces
@@ -66,20 +65,6 @@ def beam(
 def read(path: Path, dimension: int = 2, **keys: object) -> Mesh:
     """A mesh file."""
     return build_mesh(Geometry(mesh=path, dimension=dimension, **keys), MPI.COMM_WORLD)
-
-
-@contextmanager
-def session() -> Iterator[Any]:
-    """A gmsh session of the test itself."""
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        yield gmsh
-        assert gmsh.isInitialized()
-    finally:
-        gmsh.finalize()
 
 
 def write_msh(
@@ -351,7 +336,7 @@ def test_mesh_without_facet_groups_is_read(tmp_path: Path) -> None:
 
 
 def test_groups_of_points_and_curves_become_node_groups(tmp_path: Path) -> None:
-    with session() as gmsh:
+    with gmsh_session() as gmsh:
         gmsh.merge(str(shared_meshes() / "beam3d.geo"))
         gmsh.model.mesh.generate(3)
         gmsh.model.addPhysicalGroup(0, [1, 2], name="points")
@@ -380,6 +365,7 @@ def test_facet_in_two_groups_is_in_both(tmp_path: Path) -> None:
     assert not mesh.warnings
 
 
+@pytest.mark.slow
 def test_cells_are_those_of_solid_group_or_all(tmp_path: Path) -> None:
     elements = [
         (QUADRILATERAL, 4, nodes) if kind == QUADRILATERAL and 4 in nodes else (kind, group, nodes)
@@ -409,6 +395,7 @@ def test_facet_across_a_cell_is_left_out_with_warning(tmp_path: Path) -> None:
     assert "group 'root': 1 of 2 facets are not facets of a cell" in mesh.warnings[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("points", "elements", "key", "names"),
     [
@@ -453,6 +440,7 @@ def test_curved_disc_has_its_area(tmp_path: Path) -> None:
     assert integral(curved, 1.0, curved.surface("root")) == pytest.approx(2 * np.pi, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_curved_file_keeps_its_curved_cells(tmp_path: Path) -> None:
     h = 0.1  # the cell [-1, 1]² with its right edge bulged by h: the area grows by 2/3 · 2 h
     corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
@@ -495,5 +483,5 @@ def test_settings_of_gmsh_are_restored(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SceneError):
         beam(2, length=-1.0)
     assert not gmsh.isInitialized()
-    with session(), pytest.raises(RuntimeError, match=r"gmsh\.finalize"):
+    with gmsh_session(), pytest.raises(RuntimeError, match=r"gmsh\.finalize"):
         beam(2)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from dolfinx import fem
 from mpi4py import MPI
-from support import beam_scene, refusal
+from support import beam_scene, gmsh_session, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.body.supports import connected_pieces
@@ -27,22 +27,18 @@ def length_of(mesh: Mesh, group: str) -> float:
 @pytest.fixture
 def rectangle() -> Iterator[Any]:
     """An open gmsh with a meshed rectangle of 2 by 1, in centimetres."""
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add("mine")
-    surface = gmsh.model.occ.addRectangle(0.0, 0.0, 0.0, 200.0, 100.0)
-    gmsh.model.occ.synchronize()
-    sides = {}
-    for _, tag in gmsh.model.getEntities(1):
-        x = gmsh.model.occ.getCenterOfMass(1, tag)[0]
-        sides[x] = tag
-    gmsh.model.addPhysicalGroup(2, [surface], name="solid")
-    gmsh.model.addPhysicalGroup(1, [sides[0.0]], name="root")
-    gmsh.model.addPhysicalGroup(1, [sides[200.0]], name="tip")
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 50.0)
-    gmsh.model.mesh.generate(2)
-    yield gmsh
-    gmsh.finalize()
+    with gmsh_session() as gmsh:
+        gmsh.model.add("mine")
+        surface = gmsh.model.occ.addRectangle(0.0, 0.0, 0.0, 200.0, 100.0)
+        gmsh.model.occ.synchronize()
+        edges = [tag for _, tag in gmsh.model.getEntities(1)]
+        sides = {gmsh.model.occ.getCenterOfMass(1, tag)[0]: tag for tag in edges}
+        gmsh.model.addPhysicalGroup(2, [surface], name="solid")
+        gmsh.model.addPhysicalGroup(1, [sides[0.0]], name="root")
+        gmsh.model.addPhysicalGroup(1, [sides[200.0]], name="tip")
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 50.0)
+        gmsh.model.mesh.generate(2)
+        yield gmsh
 
 
 def test_mesh_of_gmsh_model_has_its_groups_and_unit(rectangle: Any) -> None:

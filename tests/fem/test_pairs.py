@@ -67,6 +67,7 @@ def forces(body: Solid) -> Array:
     return np.maximum(trial_forces(body._contacts, body.contact_rows @ body.equilibrium), 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", ["1 low y", "0 high y"], ids=["fine", "coarse"])
 @pytest.mark.parametrize("kind", ["quadrilaterals", "hexahedra", "tetrahedra"])
 def test_constant_pressure_passes_between_meshes_that_do_not_match(
@@ -322,6 +323,7 @@ def test_closest_point_that_is_not_converged_is_no_partner(
         solid(scene_of(mesh, 2, contact, supports=held, loads=load))
 
 
+@pytest.mark.slow
 def test_gap_of_the_mesh_or_of_the_scene_holds(tmp_path: Path) -> None:
     boxes = ((0.0, 0.0), (0.1, 0.05), (3, 2)), ((0.0, 0.051), (0.1, 0.1), (4, 2))
     mesh = blocks(tmp_path / "apart.vtu", *boxes)
@@ -347,6 +349,7 @@ def test_gap_of_the_mesh_or_of_the_scene_holds(tmp_path: Path) -> None:
         solid(scene_of(mesh, 2, contact, supports=rolling, loads=load))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("d", [2, 3])
 def test_contact_does_not_reach_through_a_body_between(tmp_path: Path, d: int) -> None:
     def plates(covered: float) -> Scene:

@@ -19,6 +19,8 @@ from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
 from fenicsrom.scene import Load, Scene, Statics, toml_text
 
+pytestmark = pytest.mark.slow
+
 
 def pulled(load: float, friction: float, *contacts: Any) -> Scene:
     """The lap joint whose tip a static force lifts."""

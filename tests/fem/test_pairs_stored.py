@@ -23,6 +23,8 @@ from fenicsrom.scene.keys.unit_system import Units
 from tests.fem.test_pairs import COARSE, forces, lap, solid
 from tests.support import refusal
 
+pytestmark = pytest.mark.slow
+
 BOLTS = {"bolts.0.force": 2000.0, "bolts.1.force": 3000.0}
 BASIS = {"modes": 2, "masters": "all", "derivatives": "none"}
 TRAINED = Trained((60.0,), (0.3,), amplitude=1.0, duration=1.0, dissipation=1.0)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from support import arrays_of_one_and_two_ranks, needs_mpirun, on_ranks
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("dolfinx")
 
 CHAIN = """
@@ -22,13 +24,16 @@ from fenicsrom.reduction.stages import choose
 
 comm = MPI.COMM_WORLD
 method, target = sys.argv[1:]
-push = {"group": "tip", "direction": [0.2, 0.5, 1.0], "force": 40.0}
+push = {"group": "tip", "direction": [0.2, 0.5, 1.0], "traction": 1e5}
+press = {"group": "tip", "pressure": 1e4}
+SPIN = {"speed_rpm": 600.0, "axis": [0.6, 0.0, 0.8], "point": [-0.2, 0.1, 0.05], "coriolis": True}
+base = {"direction": [0.0, 0.0, 1.0], "acceleration": 50.0, "frequency": 3.2}
 shake = {"group": "load", "direction": [0.0, 1.0, 0.0], "force": 20.0, "frequency": 3.2}
 scene = beam_scene(
     3, ("geometry.parameters.elements_along=8", "geometry.parameters.load_at=0.5",
         "geometry.parameters.width=0.03", f"basis.method='{method}'", "basis.modes=2",
         "time.periods=3"),
-    loads=[shake, push],
+    loads=[shake, push, press, base], rotation=SPIN,
 )
 solid = make_solid(scene)
 modes, theta, basis = enriched(solid, method, 2)
@@ -60,7 +65,8 @@ directions = np.arange(solid.contact_rows.shape[0])
 y, unit, response = full.solve_effective(1e3, 0.0, rest, force, directions)
 compliance = response.delassus
 known = [
-    modes.omega, energy, compliance, model.mass, model.loads, model.contact_offset, *model.elastic
+    modes.omega, energy, compliance, model.mass, model.loads, model.contact_offset, *model.elastic,
+    model.velocity_matrix,
 ]
 for other in comm.allgather(known):  # each rank knows the same
     assert all(np.array_equal(a, b) for a, b in zip(other, known, strict=True))
@@ -69,7 +75,8 @@ if comm.rank == 0:
         target, ranks=comm.size, table=table, omega=modes.omega, energy=energy,
         compliance=compliance, mass=model.mass, labels=basis.labels, loads=model.loads,
         offset=model.contact_offset, condition=modes.flexibility_condition, kept=kept.derivatives,
-        weights=list(kept.weights.values()), **model.elastic._asdict(),
+        weights=list(kept.weights.values()), gyroscopic=model.velocity_matrix,
+        **model.elastic._asdict(),
     )
 """
 
@@ -78,7 +85,6 @@ SCENE = str(Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml")
 SMALL = ["geometry.parameters.elements_along=10", "time.periods=2"]
 
 
-@pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_compare_the_same(tmp_path: Path) -> None:
     """Errors and indicators of `fenicsrom compare`; each number of ranks computes its own full
@@ -113,7 +119,6 @@ def test_two_ranks_compare_the_same(tmp_path: Path) -> None:
     assert one["combinations"][1]["error_percent"]["amplitude_tangential"] < 0.1
 
 
-@pytest.mark.slow
 @pytest.mark.long
 @needs_mpirun
 def test_two_ranks_find_the_same_motion_of_the_full_model(tmp_path: Path) -> None:
@@ -158,7 +163,6 @@ sys.exit(main(["run", sys.argv[1], "--output", sys.argv[3]]))
 """
 
 
-@pytest.mark.slow
 @needs_mpirun
 def test_error_of_two_ranks_is_printed_once(tmp_path: Path) -> None:
     bad = tmp_path / "bad.toml"
@@ -171,7 +175,6 @@ def test_error_of_two_ranks_is_printed_once(tmp_path: Path) -> None:
     assert said.count("fenicsrom: ") == said.count("height") == 1
 
 
-@pytest.mark.slow
 @needs_mpirun
 @pytest.mark.parametrize(
     ("sentence", "ranks", "expected"),
@@ -208,7 +211,6 @@ sys.exit(main(["run", sys.argv[1], "--output", sys.argv[2]]))
 """
 
 
-@pytest.mark.slow
 @needs_mpirun
 def test_unexpected_exception_of_one_rank_ends_all(tmp_path: Path) -> None:
     done = on_ranks(2, "-c", CRASH, SCENE, str(tmp_path), code=1, timeout=60)
@@ -216,7 +218,6 @@ def test_unexpected_exception_of_one_rank_ends_all(tmp_path: Path) -> None:
     assert not (tmp_path / "summary.json").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.long
 @needs_mpirun
 def test_more_ranks_than_cells_run(tmp_path: Path) -> None:
@@ -240,7 +241,6 @@ def test_more_ranks_than_cells_run(tmp_path: Path) -> None:
     assert found[1] == pytest.approx(found[0], rel=1e-6)
 
 
-@pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_write_motion_files_once(tmp_path: Path) -> None:
     """Each rank writes its piece of the grids; the contact points and the animation are written
@@ -266,7 +266,6 @@ def test_two_ranks_write_motion_files_once(tmp_path: Path) -> None:
         np.testing.assert_allclose(frames[1][name], frames[0][name], rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.slow
 @needs_mpirun
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
 def test_two_ranks_give_the_same_reduced_model(method: str, tmp_path: Path) -> None:
@@ -298,6 +297,7 @@ def test_two_ranks_give_the_same_reduced_model(method: str, tmp_path: Path) -> N
         "force": s,
         "stiffness": np.outer(s, s),
         "mass": np.outer(s, s),
+        "gyroscopic": np.outer(s, s),
         "quadratic": np.outer(pair, s),
         "cubic": np.outer(pair, pair),
         "loads": s[:, None],
@@ -344,7 +344,6 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-@pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_give_the_same_stresses_and_reactions(tmp_path: Path) -> None:
     one, two = arrays_of_one_and_two_ranks(RECOVERY, tmp_path)

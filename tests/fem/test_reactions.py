@@ -131,17 +131,11 @@ def test_loads_at_the_clamped_nodes_enter_the_reaction(dimension: int) -> None:
     assert found.values[0, 0, -1] == pytest.approx(0.5 * weight, rel=1e-4)  # about z
 
 
-MOVING = (
-    "geometry.parameters.length=1.0",
-    "geometry.parameters.height=0.05",
-    "geometry.parameters.elements_along=6",
-    "time.periods=2",
-    "time.steady_tolerance=0.0",
-    "loads.0.force=2000.0",
-    "loads.0.frequency=30.0",
-    "basis.modes=3",
-    "basis.derivatives='all'",
-)
+MOVING = """
+    geometry.parameters.length=1.0 geometry.parameters.height=0.05
+    geometry.parameters.elements_along=6 time.periods=2 time.steady_tolerance=0.0
+    loads.0.force=2000.0 loads.0.frequency=30.0 basis.modes=3 basis.derivatives='all'
+""".split()
 
 
 def moving(*overrides: str, **tables: Any) -> tuple[Any, Any, Any, Motion]:

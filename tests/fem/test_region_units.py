@@ -17,6 +17,8 @@ from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.scene import Scene
 from fenicsrom.study.forecast import region_units, set_up
 
+pytestmark = pytest.mark.slow
+
 BAR = {
     2: """
 Point(1) = {0, 0, 0};  Point(2) = {0.4, 0, 0};  Point(3) = {0.4, 0.02, 0};  Point(4) = {0, 0.02, 0};

@@ -20,6 +20,8 @@ from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene, parse_scene
 from fenicsrom.scene.reading.reading import with_time
 
+pytestmark = pytest.mark.slow
+
 LENGTH, HEIGHT, YOUNG = 2.54, 0.0254, 207e9
 RPM = 30.0 / np.pi
 AXIAL = "material.poisson=0.0"
@@ -75,7 +77,6 @@ def shaft(speed: float, alpha: float, *overrides: str) -> Any:
     return fenicsrom.build_model(turning(speed, alpha, *overrides))
 
 
-@pytest.mark.slow
 def test_damping_that_turns_with_the_shaft_destabilises_it_at_its_critical_speed() -> None:
     """In the turning frame w = u_y + i u_z of a round shaft with damping alpha obeys
     w'' + (alpha + 2 i Omega) w' + (omega^2 - Omega^2) w = 0, so one whirl grows where Omega is
@@ -107,7 +108,6 @@ def test_damping_that_turns_with_the_shaft_destabilises_it_at_its_critical_speed
     assert onset == pytest.approx(1.0, abs=5e-3)
 
 
-@pytest.mark.slow
 def test_motion_with_coriolis_force_equals_that_of_another_integrator() -> None:
     """A force along y moves the shaft across, too, against an explicit scheme of eighth order.
 
@@ -170,7 +170,6 @@ Physical Surface("right") = {two[0]};
 """
 
 
-@pytest.mark.slow
 def test_shaft_with_a_disk_matches_calculix_below_and_above_its_critical_speed(
     tmp_path: Path,
 ) -> None:
@@ -207,7 +206,6 @@ def test_shaft_with_a_disk_matches_calculix_below_and_above_its_critical_speed(
     assert not [text for text in found.warnings if any(word in text for word in doubts)]
 
 
-@pytest.mark.slow
 def test_shaft_above_its_critical_speed_whirls_by_damping_only() -> None:
     """The growth in a revolution is that of the closed form of the test above.
 

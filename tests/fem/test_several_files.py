@@ -60,6 +60,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_bodies_of_three_files_move_as_one_bar(folder: Path) -> None:
     """Reference: a bar of three tied bodies, of two decks and a CAD file | closed form |
     0.1952 µm | 0.03 % | 0.2 %"""

@@ -12,6 +12,8 @@ from fenicsrom.fem.full.full import full_model
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.basis import project
 
+pytestmark = pytest.mark.slow
+
 DAMPING = {"stiffness": 2e-5, "ratios": [0.03, 0.0, 0.02]}
 LINEAR = ("geometrically_nonlinear=false", "time.steady='march'", "time.periods=3")
 STEPS = ("time.steps_per_period=40", "loads.0.frequency=100.0", "material.mass_damping=0")

@@ -106,6 +106,7 @@ def oscillator(path: Path, **tables: Any) -> tuple[Any, float]:
     return rods(path, spring, cells=2, **tables), mass
 
 
+@pytest.mark.slow
 def test_dashpot_damps_the_decay_as_in_the_closed_form(tmp_path: Path) -> None:
     """After a push the mass moves as e^(−ζωt) cos (√(1 − ζ²) ωt − φ), reduced and full.
 

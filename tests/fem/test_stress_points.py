@@ -65,6 +65,7 @@ def full_stress(solid: Any, u: Array, measure: str) -> Array:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_reduced_stresses_equal_full_ones_at_equal_displacement(kind: str) -> None:
     dimension, overrides = KINDS[kind]

@@ -52,6 +52,7 @@ def hertz(body: Any, count: int) -> Any:
     return np.sqrt(body.eigenmodes(body.factor, count)[0]) / (2.0 * np.pi)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", ["1 low y", "0 high y"], ids=["fine", "coarse"])
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("kind", ["quadrilaterals", "hexahedra", "tetrahedra"])

@@ -55,6 +55,7 @@ def at(path: BalanceCurve, problem: Problem) -> CurvePoint:
     return found
 
 
+@pytest.mark.slow
 def test_duffing_curve_folds_and_passes_the_three_known_orbits() -> None:
     """The orbits of `test_periodic_references`, here without a time step."""
     model, period = duffing(0.05, 1.0, 0.3, 1.5)

@@ -194,6 +194,7 @@ def test_saddle_is_reached_through_the_fold() -> None:
     np.testing.assert_allclose((4.0 * limits[1] - limits[0]) / 3.0, SADDLE, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_isolated_curve_closes() -> None:
     """Reference: ends of a closed isolated curve | closed form | 0.5 ± √0.02 | agree | 1e-4"""
     # over the force the upper motion and the saddle at omega = 1.5 join at a fold; a force that

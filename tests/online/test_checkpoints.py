@@ -30,21 +30,10 @@ from fenicsrom.scene import Scene, Time
 DEMOS = Path(__file__).parents[2] / "demos"
 SCENE = DEMOS / "slip_liftoff_2d.toml"
 PERIOD = 2 * np.pi / 1.1
-FIELDS = (
-    "time",
-    "displacement",
-    "force",
-    "mean_force",
-    "gap",
-    "state",
-    "kinetic",
-    "elastic",
-    "contact_energy",
-    "work",
-    "damping_dissipation",
-    "friction_dissipation",
-    "point_friction_dissipation",
-)
+FIELDS = """
+    time displacement force mean_force gap state kinetic elastic contact_energy work
+    damping_dissipation friction_dissipation point_friction_dissipation
+""".split()
 
 
 def rubbing(surface: str) -> tuple[ReducedModel, Contacts]:
@@ -273,20 +262,10 @@ def test_checkpoint_of_another_model_or_scene_is_refused(
 # ------------------------------------------------------------------ the command
 
 
-QUICK = [
-    "--set",
-    "time.steady_tolerance=0",
-    "--set",
-    "basis.modes=1",
-    "--set",
-    "reference.full=false",
-    "--set",
-    "reference.beam=false",
-    "--set",
-    "output.pictures=false",
-    "--set",
-    "output.paraview=false",
-]
+QUICK = """
+    --set time.steady_tolerance=0 --set basis.modes=1 --set reference.full=false --set
+    reference.beam=false --set output.pictures=false --set output.paraview=false
+""".split()
 
 
 def history(folder: Path) -> dict[str, Any]:

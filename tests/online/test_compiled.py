@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import fixed_steps, one_contact, random_model
+from support import fixed_steps, fresh_python, one_contact, random_model
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.kernels import compilation as compiled
@@ -121,14 +121,8 @@ def test_unknown_version_of_numba_gives_the_same_motion_and_stores_its_kernels(
     expected = rubbing_motion().displacement
     assert np.ptp(expected) > 0.1
     for hits in (0, 1):
-        done = subprocess.run(
-            [sys.executable, "-c", FALLBACK, str(here.parent), str(here), str(path), str(hits)],
-            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
+        told = str(here.parent), str(here), str(path), str(hits)
+        fresh_python(FALLBACK, *told, NUMBA_CACHE_DIR=str(tmp_path))
         np.testing.assert_array_equal(np.fromfile(path).reshape(expected.shape), expected)
 
 

@@ -83,6 +83,7 @@ def solve(problem: dict[str, Any], a: float, line: bool) -> tuple[bool, ContactS
     return solved, end, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("a", "line"), SCHEMES)
 @pytest.mark.parametrize(("points", "d"), [(1, 2), (3, 3)])
 @pytest.mark.parametrize("stiffness", [None, 1e6, 1e12])

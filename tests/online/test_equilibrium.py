@@ -122,6 +122,7 @@ def test_unstable_structure_held_by_contact_springs_is_stable() -> None:
     np.testing.assert_allclose(q, 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("ratio", [0.99])
 def test_beam_below_buckling_load_stays_straight(
@@ -133,6 +134,7 @@ def test_beam_below_buckling_load_stays_straight(
     np.testing.assert_allclose(x, [-shortening, 0.0], atol=1e-3 * shortening)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize(("ratio", "tolerance"), [(1.01, 0.08), (1.1, 0.01), (2.0, 0.003)])
 def test_beam_beyond_buckling_load_matches_elastica(

@@ -31,12 +31,11 @@ from fenicsrom.scene.reading.superelement import parse_superelement_scene, read_
 DEMO = Path(__file__).parents[2] / "demos" / "superelement"
 RIGHT_SIDE = DEMO / "right_side.m"
 SECTION = {"length": 2.54, "height": 0.0254, "width": 0.0254, "elements": 6, "load_at": 0.5}
-SHORT = (
-    "geometrically_nonlinear=false",
-    "time.steps_per_period=60",
-    "time.periods=3",
-    "time.steady='march'",
-    "contacts.0.preload=5.0",
+SHORT = tuple(
+    """
+    geometrically_nonlinear=false time.steps_per_period=60 time.periods=3 time.steady='march'
+    contacts.0.preload=5.0
+""".split()
 )
 
 

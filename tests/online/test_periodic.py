@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import duffing, harmonic, linear_model, no_contacts, one_contact, period_steps
+from support import duffing, harmonic, linear_model, no_contacts, period_steps, rubbing_masses
 
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.curves.continuation import follow
 from fenicsrom.online.curves.curve import Curve
-from fenicsrom.online.model.model import Problem, ReducedModel
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.measures import amplitude
 from fenicsrom.online.periodic.shooting import (
     Shooting,
@@ -38,6 +38,7 @@ def curve(**options: Any) -> Curve:
     )
 
 
+@pytest.mark.slow
 def test_points_of_a_curve_are_periodic_motions() -> None:
     found = curve()
     model, period = duffing(0.05, 1.0, 0.3, 2.0 * np.pi * 0.08)
@@ -47,28 +48,11 @@ def test_points_of_a_curve_are_periodic_motions() -> None:
         np.testing.assert_allclose(alone.z, point.z, rtol=1e-6, atol=1e-8)
 
 
-def rubbing(preload: float, damping: float = 0.1) -> tuple[ReducedModel, Any, float]:
-    """Two coupled masses, the first in front of a wall with friction."""
-    load = harmonic(np.array([3.0]), np.array([1.3]), np.array([0.3]))
-    model = linear_model(
-        np.eye(4),
-        np.diag([1.0, 2.0, 3.0, 4.0]) + 0.3 * np.ones((4, 4)),
-        damping=damping,
-        loads=np.array([[0.8], [1.2], [-0.5], [0.7]]),
-        load_histories=load,
-        masters=2,
-    )
-    contacts = one_contact(
-        preload=preload, normal_stiffness=6.0, tangential_stiffness=5.0, friction=0.4
-    )
-    return model, contacts, 2.0 * np.pi / 1.3
-
-
 START = np.zeros(4), np.zeros(4), np.zeros((1, 2))
 
 
 def test_rubbing_motion_repeats_and_m_periods_square_its_multipliers() -> None:
-    model, contacts, period = rubbing(0.4)
+    model, contacts, period = rubbing_masses(0.4)
     one = periodic_motion(Problem(model, contacts, period_steps(100), period), START)
     assert one.residuals[-1] <= 1e-10
     assert set(np.unique(one.record.state)) == {-1, 0, 1}
@@ -79,7 +63,7 @@ def test_rubbing_motion_repeats_and_m_periods_square_its_multipliers() -> None:
 
 
 def test_iteration_ends_before_a_small_step() -> None:
-    model, contacts, period = rubbing(0.4)
+    model, contacts, period = rubbing_masses(0.4)
     shooting = Shooting(Problem(model, contacts, period_steps(100), period))
     s = shooting.scaled(start_variables(shooting, START))
     exact, near = solve(shooting, s), solve(shooting, s, step_tolerance=1e-3)
@@ -89,7 +73,7 @@ def test_iteration_ends_before_a_small_step() -> None:
 
 
 def test_iteration_ends_after_the_largest_number() -> None:
-    model, contacts, period = rubbing(0.4)
+    model, contacts, period = rubbing_masses(0.4)
     shooting = Shooting(Problem(model, contacts, period_steps(100), period))
     with pytest.raises(ConvergenceError, match="after 3 Newton iterations") as caught:
         solve(shooting, shooting.scaled(start_variables(shooting, START)), iterations=3)
@@ -120,7 +104,7 @@ def test_iteration_may_end_in_the_rounding_of_large_forces_at_rest(
 
 
 def test_stable_points_of_a_curve_equal_the_marched_steady_state() -> None:
-    model, contacts, period = rubbing(0.4)
+    model, contacts, period = rubbing_masses(0.4)
     problem = Problem(model, contacts, period_steps(100), period)
     start, at = periodic_motion(problem, START), frequency_family(problem)
     band = (0.8 / period, 1.2 / period)

@@ -342,6 +342,7 @@ def den_hartog(beta: float, friction: float, stiffness: float, steps: int) -> Pe
     return periodic_motion(Problem(model, contacts, period_steps(steps), 2.0 * np.pi / beta), start)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("beta", "friction", "amplitude"), WITHOUT_STOPS)
 def test_den_hartog_amplitude_is_the_limit_of_a_stiff_slider(
     beta: float, friction: float, amplitude: float
@@ -359,6 +360,7 @@ def test_den_hartog_amplitude_is_the_limit_of_a_stiff_slider(
     assert limit == pytest.approx(amplitude, rel=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("beta", "friction", "amplitude", "stuck"), WITH_STOPS)
 def test_den_hartog_motion_with_stops_is_the_limit_of_a_stiff_slider(
     beta: float, friction: float, amplitude: float, stuck: float

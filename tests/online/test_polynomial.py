@@ -9,15 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support import (
-    STOCKY,
+    assert_same_motion,
     assert_tangent,
-    beam_scene,
     enriched,
-    free_unknowns,
     isotropic_tensor,
-    make_solid,
+    motions_of_all_unknowns,
     random_polynomial,
-    scene_of,
 )
 
 from fenicsrom.online.model.polynomial import (
@@ -28,8 +25,7 @@ from fenicsrom.online.model.polynomial import (
     pairs,
     write_tangents,
 )
-from fenicsrom.online.run.simulate import simulate
-from fenicsrom.reduction.basis import ReducedBasis, strain_products
+from fenicsrom.reduction.basis import strain_products
 
 Array = NDArray[np.float64]
 
@@ -125,6 +121,7 @@ def test_products_by_one_half_equal_those_by_all_coefficients(n: int, count: int
     np.testing.assert_allclose(found, start + s @ cubic, rtol=1e-12, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", SOLIDS)
 def test_polynomial_matches_projected_force(
@@ -185,51 +182,7 @@ def test_terms_of_reduced_model_match_the_mesh(bent3d: Any) -> None:
 def test_identity_basis_moves_as_full_model(nonlinear: bool) -> None:
     """R = I with the contact node first: the reduced model moves as the full model, with friction
     and lift-off."""
-    from fenicsrom.fem.full.full import FullModel
-    from fenicsrom.reduction.basis import project
-
     load = {"group": "tip", "direction": [0.3, 1.0], "force": 4e4, "frequency": 40.0}
     push = {"group": "load", "direction": [0.0, 1.0], "force": 2e4}
-    touch = {
-        "group": "tip",
-        "at": "centre",
-        "normal": [1.0, 0.0],
-        "preload": 5e3,
-        "friction": 0.4,
-        "normal_stiffness": 2e8,
-        "tangential_stiffness": 1e7,
-    }
-    solid = make_solid(
-        beam_scene(
-            2,
-            (
-                *STOCKY,
-                "geometry.parameters.elements_along=2",
-                "geometry.parameters.height=0.05",
-                f"geometrically_nonlinear={str(nonlinear).lower()}",
-            ),
-            loads=[load, push],
-            contacts=[touch],
-            time={"periods": 2, "steps_per_period": 60, "steady_tolerance": 0},
-        )
-    )
-    keep = free_unknowns(solid)
-    node = [int(np.argmax(row)) for row in solid.contact_rows.toarray()]
-    order = [*node, *[k for k in keep if k not in node]]
-    identity = np.zeros((solid.local, len(order)))
-    identity[order, range(len(order))] = 1.0
-    basis = ReducedBasis("rubin", identity, tuple(map(str, order)), 2, {}, 1.0)
-    one, other = (
-        simulate(model, scene_of(solid))
-        for model in (project(solid, basis, nonlinear), FullModel(solid))
-    )
-    assert one.steps == other.steps == 120
-    assert {-1, 0} <= set(one.state.ravel())
-    size = np.abs(one.displacement).max(axis=0)
-    np.testing.assert_allclose(
-        one.displacement / size, other.displacement / size, rtol=0, atol=2e-6
-    )
-    np.testing.assert_array_equal(one.state, other.state)
-    for name in ("kinetic", "elastic", "work", "friction_dissipation"):
-        a, b = getattr(one, name), getattr(other, name)
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-5 * np.abs(a).max())
+    one, other = motions_of_all_unknowns([load, push], nonlinear)
+    assert_same_motion(one, other, 2e-6)

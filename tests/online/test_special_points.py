@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from motions import curve_point
 from numpy.typing import NDArray
 from support import harmonic, linear_model, no_contacts, one_contact
 
@@ -84,6 +85,7 @@ def occurs(path: Continuation, near: CurvePoint, value: float, bits: int) -> boo
     return bool(point.states[0] & bits)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "kind", "bits"),
     [
@@ -172,23 +174,8 @@ class Line:
 
     def at(self, parameter: float) -> CurvePoint:
         found = np.asarray(self.multipliers(parameter), dtype=np.complex128)
-        empty = np.zeros(0)
-        return CurvePoint(
-            parameter=parameter,
-            z=empty,
-            s=np.zeros(1),
-            tangent=np.array([0.0, 1.0]),
-            amplitude=np.zeros((1, 1)),
-            peak_force=empty,
-            friction_dissipation=0.0,
-            multipliers=found[np.argsort(-np.abs(found))],
-            verdict="",
-            free_sliders=0,
-            states=np.zeros(1, dtype=np.int64),
-            residual=0.0,
-            marches=(1, 1),
-            extremes=None,  # type: ignore[arg-type]
-        )
+        found = found[np.argsort(-np.abs(found))]
+        return curve_point(parameter, multipliers=found, verdict="", extremes=None)
 
     def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint:
         self.calls += 1
@@ -338,6 +325,7 @@ def test_jump_from_a_tiny_value_is_bracketed(small: float, place: float, turn: f
     assert len(evaluated) <= 33  # bisection needs 20
 
 
+@pytest.mark.slow
 def test_guess_that_is_a_motion_is_accepted_after_one_march() -> None:
     path, _, curve = curve_over_force(0.02, 0.5)
     point = path.at_parameter(curve.points[-2].s, curve.points[-2].parameter)

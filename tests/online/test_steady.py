@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, first, harmonic, linear_model, no_contacts, one_contact, oscillator
+from support import beam_scene, first, harmonic, no_contacts, oscillator, rubbing_masses
 
 from fenicsrom.assess.errors.estimates import check_motion, step_errors
 from fenicsrom.assess.errors.verdicts import check_settled, free_slider_sentence
@@ -72,28 +72,11 @@ def at(x: float, v: float) -> tuple[Array, Array]:
     return np.array([x]), np.array([v])
 
 
-def rubbing(preload: float = 0.4, friction: float = 0.4) -> tuple[ReducedModel, Any, float]:
-    """Coupled masses, the first before a wall with friction."""
-    load = harmonic(np.array([3.0]), np.array([1.3]), np.array([0.3]))
-    model = linear_model(
-        np.eye(4),
-        np.diag([1.0, 2.0, 3.0, 4.0]) + 0.3 * np.ones((4, 4)),
-        damping=0.1,
-        loads=np.array([[0.8], [1.2], [-0.5], [0.7]]),
-        load_histories=load,
-        masters=2,
-    )
-    contacts = one_contact(
-        preload=preload, normal_stiffness=6.0, tangential_stiffness=5.0, friction=friction
-    )
-    return model, contacts, 2.0 * np.pi / 1.3
-
-
 @pytest.mark.parametrize(
     "scheme", ["discrete-gradient", "average-acceleration", "generalised-alpha"]
 )
 def test_rubbing_motion_equals_that_of_a_long_march(scheme: str) -> None:
-    model, contacts, period = rubbing()
+    model, contacts, period = rubbing_masses()
     long = run(
         model, period, contacts, scheme=scheme, steady="march", steady_tolerance=1e-13, periods=600
     )
@@ -113,7 +96,7 @@ def test_rubbing_motion_equals_that_of_a_long_march(scheme: str) -> None:
 @pytest.mark.parametrize("steady", ["newton", "march"])
 def test_motion_is_not_steady_before_the_surface_has_arrived(steady: str) -> None:
     """Out of reach of the surface the motion repeats; later the surface comes and is touched."""
-    model, contacts, period = rubbing()
+    model, contacts, period = rubbing_masses()
     late = 60.0 * period
     away = contacts._replace(
         times=np.array([0.0, late, late + period]), approach=np.array([[-100.0, -100.0, 0.0]])
@@ -126,7 +109,7 @@ def test_motion_is_not_steady_before_the_surface_has_arrived(steady: str) -> Non
 
 
 def test_march_is_kept_where_it_is_asked_for() -> None:
-    model, contacts, period = rubbing()
+    model, contacts, period = rubbing_masses()
     marched = run(model, period, contacts, steady="march", periods=30)
     all_periods = run(model, period, contacts, steady_tolerance=0.0, periods=marched.periods)
     assert marched.search is None and all_periods.search is None
@@ -224,6 +207,7 @@ def test_march_that_repeats_without_tending_to_the_motion_tries_seldom(
     assert tried == [5, 10, 20, 40, 80, 90]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("force", "multiple"), [(0.28, 2), (0.37, 5)])
 def test_subharmonic_motion_is_found(force: float, multiple: int) -> None:
     """The oscillator with two wells, whose motions at these forces are known to repeat so."""
@@ -255,7 +239,7 @@ def test_horizon_is_that_of_two_turns_or_of_the_decay_to_a_tenth() -> None:
 
 
 def test_motion_of_one_period_is_no_subharmonic_motion() -> None:
-    model, contacts, period = rubbing()
+    model, contacts, period = rubbing_masses()
     marched = run(model, period, contacts, steady="march", periods=8, steady_tolerance=1e-9)
     settings = Time.of(periods=9, steps_per_period=100)
     problem = _Search(Problem(model, contacts, settings, period), marched.end, None)
@@ -265,7 +249,7 @@ def test_motion_of_one_period_is_no_subharmonic_motion() -> None:
 
 
 def test_steps_of_the_last_period_become_those_of_the_map() -> None:
-    model, contacts, period = rubbing()
+    model, contacts, period = rubbing_masses()
     time = {"steps_per_period": None, "tolerance": 1e-4, "steady": "march", "periods": 4}
     motion = run(model, period, contacts, **time)
     assert motion.end is not None
@@ -293,19 +277,19 @@ def test_chaotic_motion_is_marched_to_the_end_and_told() -> None:
 
 
 def test_sliders_that_are_not_unique_are_told() -> None:
-    model, contacts, period = rubbing(preload=60.0, friction=9.0)
+    model, contacts, period = rubbing_masses(preload=60.0, friction=9.0)
     motion = run(model, period, contacts)
     assert motion.steady and np.all(motion.state[motion.last_period()] == 1)
     assert motion.search is not None and motion.search.free_sliders == 1
     assert free_slider_sentence("reduced", motion) is not None
     marched = run(model, period, contacts, steady="march", steady_tolerance=1e-12)
     np.testing.assert_allclose(amplitude(motion), amplitude(marched), rtol=1e-6)
-    slides = run(*[rubbing()[k] for k in (0, 2, 1)])
+    slides = run(*[rubbing_masses()[k] for k in (0, 2, 1)])
     assert free_slider_sentence("reduced", slides) is None
 
 
 def test_energy_balances_on_both_sides_of_the_jump() -> None:
-    model, contacts, period = rubbing()
+    model, contacts, period = rubbing_masses()
     motion = run(model, period, contacts, keep_coordinates=True)
     assert motion.newton_from == pytest.approx(5 * period)
     assert np.all(np.diff(motion.time) > 0.0)
@@ -332,7 +316,7 @@ def test_energy_balances_on_both_sides_of_the_jump() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
 def test_adaptive_steps_end_in_the_motion_of_a_long_march(tolerance: float) -> None:
-    model, contacts, period = rubbing()
+    model, contacts, period = rubbing_masses()
     time = {"steps_per_period": None, "tolerance": tolerance, "steady_tolerance": tolerance}
     motion = run(model, period, contacts, **time)
     long = run(model, period, contacts, **time | {"steady_tolerance": 0.0, "periods": 200})
@@ -340,11 +324,12 @@ def test_adaptive_steps_end_in_the_motion_of_a_long_march(tolerance: float) -> N
     np.testing.assert_allclose(amplitude(motion), amplitude(long), rtol=3.0 * tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [3, 6])
 @pytest.mark.parametrize("case", ["rubbing", "subharmonic"])
 def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path) -> None:
     if case == "rubbing":
-        model, contacts, period = rubbing()
+        model, contacts, period = rubbing_masses()
         options: dict[str, Any] = {}
     else:
         model, period = duffing(0.3, -1.0, 1.0, 0.28, 1.2)
@@ -380,7 +365,7 @@ def test_run_stops_during_newtons_method_and_resumes_to_the_same_motion(
     tolerance: float, checkpoints: int
 ) -> None:
     """In an attempt after five periods; or after the second one, which seems to repeat."""
-    model, contacts, period = rubbing()
+    model, contacts, period = rubbing_masses()
     whole = run(model, period, contacts, steady_tolerance=tolerance)
     asked: list[int] = []
     kept: list[Any] = []
@@ -400,7 +385,7 @@ def test_run_stops_during_newtons_method_and_resumes_to_the_same_motion(
 
 
 def test_summary_gives_residual_multipliers_and_verdict() -> None:
-    model, contacts, period = rubbing()
+    model, contacts, period = rubbing_masses()
     told = response_summary(run(model, period, contacts))["periodic_motion"]
     assert told["verdict"] == "stable" and told["relative_residual"] <= 1e-10
     assert told["marched_periods"] == 5 and told["load_periods"] == 1
@@ -427,6 +412,7 @@ def test_check_starts_from_the_periodic_motion() -> None:
     assert errors.amplitude == pytest.approx(others.amplitude, rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("damping", "cubic", "omega"), [(0.02, 0.01, 1.05), (0.02, 0.1, 1.05)])
 def test_lightly_damped_march_ends_in_its_own_one_of_two_motions(
     damping: float, cubic: float, omega: float

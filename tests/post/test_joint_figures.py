@@ -19,6 +19,8 @@ from fenicsrom.post.run.joint_figures import (
 )
 from fenicsrom.scene import make_scene
 
+pytestmark = pytest.mark.slow
+
 AREA = 2e-4
 
 

@@ -64,21 +64,16 @@ def test_one_file_opens_every_block_of_the_run(run: Any) -> None:
     times, blocks = opened(folder)
     motion = found.motions["reduced"]
     np.testing.assert_allclose(times, motion.time[frame_rows(motion)])
-    assert set(blocks.keys()) == {
-        "motion",
-        "contact_points",
-        "surface_1",
-        "groups",
-        "normal_modes",
-        "static_modes",
-        "derivatives",
-        "equilibrium",
-    }
+    names = """
+        motion contact_points surface_1 groups normal_modes static_modes derivatives equilibrium
+    """.split()
+    assert set(blocks.keys()) == set(names)
     assert all(block.n_cells > 0 for block in blocks)
     listed = {Path(path) for path in found.files}
     assert {folder / "results.pvd", folder / "look.py", folder / "groups.vtu"} <= listed
 
 
+@pytest.mark.slow
 def test_names_of_arrays_give_units_and_frequencies(run: Any) -> None:
     found, folder = run
     _, blocks = opened(folder)

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from motions import curve_point
 from support import beam_scene, contact_points, unexplained
 from test_figures import illegible
 
 from fenicsrom.assess.curves.results import Response, ResponseCurve
-from fenicsrom.online.curves.curve import HARMONICS, PHASES, CurvePoint, Extremes, Piece
+from fenicsrom.online.curves.curve import HARMONICS, PHASES, CurvePoint, Piece
 from fenicsrom.post.base.drawing import figure_of
 from fenicsrom.post.base.plot import Map
 from fenicsrom.post.curves.response_figures import figure, phases, stretches
@@ -35,28 +36,21 @@ def point(
     states[: int(PHASES * min(amplitude / 4.0, 1.0))] = 0
     states[: int(PHASES * min(amplitude / 8.0, 1.0))] = -1
     main = amplitude * np.exp(-1j * lag) * 10.0 ** -np.arange(HARMONICS)
-    z = np.array([amplitude, parameter])
-    found: dict[str, Any] = {
-        "parameter": parameter,
-        "z": z,
-        "s": z,
-        "tangent": np.ones(3),
-        "amplitude": np.array([[0.01, amplitude]]),
-        "peak_force": np.array([amplitude]),
-        "friction_dissipation": 2.0 * amplitude,
-        "multipliers": np.array([size, 0.5j, -0.5j, 0.1]).astype(complex),
-        "verdict": "stable" if size <= 1.0 else "fold",
-        "free_sliders": 0,
-        "states": np.array([1]),
-        "residual": 1e-9,
-        "marches": (2, 1),
-        "extremes": Extremes(np.ones(1), np.ones(1), np.ones(1)),
-        "kind": kind,
-        "harmonics": np.stack([0.01 * main, main], axis=1)[:, None, :],
-        "period_states": states,
-        "damping_dissipation": amplitude,
-    }
-    return CurvePoint(**found)
+    return curve_point(
+        parameter,
+        z=np.array([amplitude, parameter]),
+        s=np.array([amplitude, parameter]),
+        tangent=np.ones(3),
+        amplitude=np.array([[0.01, amplitude]]),
+        peak_force=np.array([amplitude]),
+        friction_dissipation=2.0 * amplitude,
+        multipliers=np.array([size, 0.5j, -0.5j, 0.1]).astype(complex),
+        verdict="stable" if size <= 1.0 else "fold",
+        kind=kind,
+        harmonics=np.stack([0.01 * main, main], axis=1)[:, None, :],
+        period_states=states,
+        damping_dissipation=amplitude,
+    )
 
 
 def duffing(force: float) -> ResponseCurve:

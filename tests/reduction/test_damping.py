@@ -122,6 +122,7 @@ def free_decay(scheme: str, damping: dict[str, Any], steps: int) -> tuple[Motion
     return motion, omega
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["discrete-gradient", "average-acceleration"])
 def test_free_motion_decays_with_the_damping_ratio(scheme: str) -> None:
     """Reference: decay of a free motion with a damping ratio | exp(−2ζωt) | closed form | agrees |

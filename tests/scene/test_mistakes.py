@@ -12,14 +12,83 @@ WITHOUT_TIMES = f"{BARE} & loads=[{{group='load', direction=[0, 1], force=1}}]"
 SWEPT = f"{WITHOUT_TIMES} & loads.0.frequency=2 & loads.0.sweep={{to=3, duration=1}}"
 CURVE = f"{BARE} & response.first=0.14 & response.last=0.19"
 PLY = "young=[40e9, 10e9, 9e9], poisson=[0.3, 0.28, 0.4], density=1800"
-PAIR = "group='tip', against='load', friction=0.1, normal_stiffness=1, tangential_stiffness=1"
+SPRINGS = "friction=0.1, normal_stiffness=1, tangential_stiffness=1"
+PAIR = f"group='tip', against='load', {SPRINGS}"
 SECTION = "{length=1, height=0.1, width=0.1, load_at=0.5}"
-ROUND = "group='tip', gap=1e-4, friction=0.1, normal_stiffness=1, tangential_stiffness=1, "
-ROUND += "surface={kind='cylinder', point=[0, 0]}"
+ROUND = f"group='tip', gap=1e-4, {SPRINGS}, surface={{kind='cylinder', point=[0, 0]}}"
+DECAY = f"{BARE} & loads=[{{node=[1, 0], direction=[0, -3], force=2}}] & basis.modes=2"
+DECAY += " & basis.derivatives=['1V1V', '1V2V'] & basis.method='craig-bampton'"
+DECAY += " & time={duration=1.0, step=1e-3}"
 LAYER = "thickness=5e-3, modulus=5e8, yield_stress=1e6, hardening=5e7, area=3e-5, width=1"
 
 MISTAKES = {
     "geometrically_nonlinear=true": """
+        UNKNOWN_KEY materal                      materal={}
+        UNKNOWN_KEY contacts[0].frction          contacts.0.frction=0.3
+        TYPE     material.young               material.young="207e9"
+        TYPE     material.young               material.young=true
+        TYPE     basis.modes                  basis.modes=3.0
+        TYPE     output.pictures              output.pictures=1
+        TYPE     title                        title=1979-05-27
+        TYPE     geometry                     geometry=3
+        TYPE     loads[0]                     loads=[1]
+        TYPE     supports[0].group            supports.0.group=7
+        RANGE    supports[0].group            supports.0.group=" "
+        RANGE    material.density             material.density=nan
+        RANGE    loads[0].force               loads.0.force=inf
+        TYPE     contacts[0].normal           contacts.0.normal=[nan, 1]
+        RANGE    geometry.parameters.length   geometry.parameters.length=nan
+        RANGE    material.young               material.young=0
+        RANGE    material.poisson             material.poisson=0.5
+        RANGE    material.poisson             material.poisson=-0.1
+        RANGE    material.mass_damping        material.mass_damping=-1
+        RANGE    contacts[0].normal_stiffness contacts.0.normal_stiffness=-1
+        RANGE    contacts[0].tangential_stiffness contacts.0.tangential_stiffness=0
+        RANGE    contacts[0].friction         contacts.0.friction=-0.1
+        RANGE    contacts[0].gap              contacts.0.gap=-1
+        RANGE    loads[0].frequency           loads.0.frequency=0
+        RANGE    basis.modes                  basis.modes=-1
+        RANGE    basis.threshold              basis.threshold=1.5
+        RANGE    time.steps_per_period        time.steps_per_period=3
+        RANGE    geometry.thickness           geometry.thickness=0.0
+        RANGE    basis.method                 basis.method="macneal"
+        RANGE    time.scheme                  time.scheme="euler"
+        RANGE    contacts[0].normal           contacts.0.normal=[0.0, 0]
+        RANGE    loads[0].direction           loads.0.direction=[0, 0, 0]
+        CONFLICT loads[0].direction           loads.0.direction=[0, 0, 1]
+        CONFLICT probe.node                   probe.node=[0, 1, 0]
+        TYPE     loads[0].direction           loads.0.direction=[1]
+        CONFLICT loads[0].node                loads.0.node=[1, 0]
+        MISSING  probe.group                  probe={}
+        CONFLICT probe.at                     probe={node=[1, 0], at="centre"}
+        TYPE     supports                     supports=3
+        CONFLICT geometry.thickness           geometry.dimension=3
+        CONFLICT geometry.parameters.structured geometry.parameters.structured=1
+        RANGE    geometry.parameters.a;b      geometry.parameters={"a;b"=1}
+        RANGE    basis.derivatives            basis.derivatives="some"
+        RANGE    basis.derivatives[0]         basis.derivatives=["1X1V"]
+        RANGE    basis.derivatives[0]         basis.derivatives=["0V1V"]
+        RANGE    basis.derivatives[0]         basis.derivatives=["1V1V1V"]
+        RANGE    basis.derivatives[0]         basis.derivatives=["1v1v"]
+        RANGE    basis.derivatives[0]         basis.derivatives=["1V1V\\n"]
+        TYPE     basis.derivatives[0]         basis.derivatives=[11]
+        CONFLICT basis.derivatives[0]         basis.derivatives=["1V4V"]
+        CONFLICT basis.derivatives[0]         basis.derivatives=["1V3S"]
+        CONFLICT basis.derivatives[1]         basis={modes=0, derivatives=["1S1S", "1V1S"]}
+        RANGE    basis.derivatives[1]         basis.derivatives=["1V1S", "1S1V"]
+        CONFLICT time.tolerance               time={tolerance=1e-4, steps_per_period=100}
+        CONFLICT time.duration                time.duration=1.0
+        CONFLICT time.spectral_radius         time.spectral_radius=0.5
+        MISSING  reference.beam_section       reference.beam=true
+        MISSING  reference.beam_section.length reference.beam_section={}
+        CONFLICT loads[0].at                  loads.0.at="nodes"
+        CONFLICT probe.at                     probe={group="tip", at="nodes"}
+        RANGE    basis.masters                basis.masters="tangents"
+        CONFLICT basis.derivatives[0]         basis={masters='normal', derivatives=['1V2S']}
+        RANGE    material.young               material.young=1e300
+        RANGE    loads[0].force               loads.0.force=-1e300
+        RANGE    rotation.speed_rpm           rotation={speed_rpm=1e300}
+        RANGE    rotation.point               rotation={speed_rpm=1, point=[1e300, 0]}
         MISSING  probe                      contacts=[] & loads=[{direction=[0, 1], acceleration=1}]
         RANGE    basis.modes                  basis.modes='all'
         TYPE     basis.modes                  basis.modes=1.5
@@ -152,6 +221,37 @@ MISTAKES = {
         CONFLICT time.scheme                  time.scheme='generalised-alpha'
         RANGE    contacts[0].abradable        contacts.0.surface.spin=7
         CONFLICT response                     response={first=3, last=4}
+    """,
+    f"contacts.0={{{ROUND}}}": """
+        CONFLICT contacts[0].gap              contacts.0.surface.radius=1.0
+        CONFLICT contacts[0].normal           contacts.0.normal=[1.0, 0.0]
+        RANGE    contacts[0].surface.kind     contacts.0.surface.kind="plane"
+        CONFLICT contacts[0].surface.kind     contacts.0.surface.kind="sphere"
+        CONFLICT contacts[0].surface.axis     contacts.0.surface.axis=[0, 1]
+        CONFLICT contacts[0].surface.point    contacts.0.surface.point=[0, 0, 0]
+        RANGE    contacts[0].surface.radius   contacts.0.surface.radius=0
+        TYPE     contacts[0].surface.inside   contacts.0.surface.inside=1
+        TYPE     contacts[0].surface.spin     contacts.0.surface.spin="fast"
+        TYPE     contacts[0].surface.waves[0] contacts.0.surface.waves=[[2, 1e-4]]
+        RANGE    contacts[0].surface.waves[0] contacts.0.surface.waves=[[1.5, 1e-4, 0]]
+        TYPE     contacts[0].approach         contacts.0.approach=1e-3
+        TYPE     contacts[0].approach[0]      contacts.0.approach=[[0, 0, 0]]
+        RANGE    contacts[0].approach         contacts.0.approach=[[0, 0], [0, 1e-3]]
+    """,
+    DECAY: """
+        CONFLICT loads[0].phase               loads.0.phase=1.0
+        CONFLICT basis.modes                  basis.modes=0
+        CONFLICT basis.derivatives[0]         basis.derivatives=["1S1V"]
+        MISSING  time.duration                time={step=1.0}
+        MISSING  time.step                    time={duration=1.0}
+        CONFLICT time.step                    time.step=2.0
+        CONFLICT time.steps_per_period        time.steps_per_period=10
+        CONFLICT time.steady_tolerance        time.steady_tolerance=0
+        CONFLICT basis.masters                basis.masters=3
+    """,
+    f"contacts.0={{group='tip', normal=[1, 0], {SPRINGS}}}": f"""
+        MISSING  contacts[0].normal           contacts.0={{group='tip', {SPRINGS}}}
+        CONFLICT contacts[0].at               contacts.0={{node=[1, 0], at='nodes', {SPRINGS}}}
     """,
 }
 """Overrides of the paper's beam -> kind, key and overrides of each mistake."""

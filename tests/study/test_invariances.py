@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import STEEL, touching
+from support import STEEL, gmsh_session, touching
 
 pytest.importorskip("dolfinx")
 
@@ -106,11 +106,7 @@ def turn(d: int) -> Array:
 
 def beam_mesh(d: int, matrix: Array, offset: Array, shuffled: bool) -> Any:
     """The mesh of the beam x -> matrix x + offset, with its nodes in another order if shuffled."""
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session() as gmsh:
         occ = gmsh.model.occ
         if d == 2:
             occ.addRectangle(0.0, -0.005, 0.0, 0.5, 0.01)
@@ -130,8 +126,6 @@ def beam_mesh(d: int, matrix: Array, offset: Array, shuffled: bool) -> Any:
         affine[:d, :d], affine[:d, 3] = matrix, offset
         gmsh.model.mesh.affineTransform(affine.ravel())
         return fenicsrom.mesh_from_gmsh_model(d)
-    finally:
-        gmsh.finalize()
 
 
 def placed(kind: str, matrix: Array, offset: Array) -> dict[str, Any]:

@@ -66,56 +66,31 @@ TABLE: dict[str, Any] = {
 }
 """A scene with all tables but one."""
 
-ONLINE = {
-    "title",
-    "source",
-    "reference",
-    "output.pictures",
-    "output.paraview",
-    "output.motion",
-    "output.animation",
-    "output.sectors",
-    "compare",
-    "statics",
-    "campbell",
-    "map",
-    "backbone",
-    "ringdown",
-    "basis.accuracy",
-    "basis.size",
-}
+ONLINE = set(
+    """
+    title source reference output.pictures output.paraview output.motion output.animation
+    output.sectors compare statics campbell map backbone ringdown basis.accuracy basis.size
+""".split()
+)
 """Keys and tables on which no offline result depends."""
 
-MOTION = {
-    "time",
-    "response",
-    "material.mass_damping",
-    "loads.0.action.force",
-    "loads.0.history",
-    "loads.2.action.pressure",
-    "loads.2.history",
-    "contacts.0.preload",
-    "contacts.0.gap",
-    "contacts.0.abradable",
-    "contacts.0.approach",
-    "contacts.0.normal_stiffness",
-    "contacts.0.tangential_stiffness",
-    "contacts.0.friction",
-    "contacts.0.surface.radius",
-    "contacts.0.surface.spin",
-    "contacts.0.surface.waves",
-    "contacts.0.surface.angle_from",
-}
+MOTION = set(
+    """
+    time response material.mass_damping loads.0.action.force loads.0.history
+    loads.2.action.pressure loads.2.history contacts.0.preload contacts.0.gap
+    contacts.0.abradable contacts.0.approach contacts.0.normal_stiffness
+    contacts.0.tangential_stiffness contacts.0.friction contacts.0.surface.radius
+    contacts.0.surface.spin contacts.0.surface.waves contacts.0.surface.angle_from
+""".split()
+)
 """Keys and tables on which a reduced model depends only if a motion selects its derivatives."""
 
-PROJECTED = {
-    "damping",
-    "output.stresses",
-    "basis.derivatives",
-    "basis.threshold",
-    "basis.differentiation",
-    "basis.elastic_force",
-}
+PROJECTED = set(
+    """
+    damping output.stresses basis.derivatives basis.threshold basis.differentiation
+    basis.elastic_force
+""".split()
+)
 """Keys and tables on which the reduced model depends, and the modes do not."""
 
 
@@ -446,6 +421,7 @@ def test_command_shows_and_empties_the_cache(
     assert result_cache.entries(folder) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [3, 400])
 def test_size_that_no_model_has_is_refused_after_the_modes_and_keeps_the_cache(
     size: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -194,52 +194,30 @@ def test_interrupted_sweep_keeps_finished_runs(model: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_processes_give_rows_of_one_process(model: Path, tmp_path: Path) -> None:
-    over = ["loads.0.force=[10, 20, 30]"]
-    one = swept(model, tmp_path / "one", over)
-    two = swept(model, tmp_path / "two", over, workers=2)
-    for row, other in zip(one.rows, two.rows, strict=True):
+@pytest.mark.parametrize(
+    "workers", ["processes", pytest.param("ranks", marks=needs_mpirun), "cluster"]
+)
+def test_workers_give_rows_of_one_process(workers: str, model: Path, tmp_path: Path) -> None:
+    over = "loads.0.force=[10, 20, 30]"
+    one = swept(model, tmp_path / "one", [over]).rows
+    words = ["sweep", "--from", str(model), "--over", over, "--output", str(tmp_path / "two")]
+    if workers == "ranks":
+        on_ranks(2, "-m", "fenicsrom", *words)
+    elif workers == "cluster":
+        cluster = pytest.importorskip("distributed").LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+        )
+        with cluster:
+            assert main([*words, "--scheduler", cluster.scheduler_address]) == 0
+    if workers == "processes":
+        two = swept(model, tmp_path / "two", [over], workers=2).rows
+    else:
+        two = json.loads((tmp_path / "two" / "sweep.json").read_text())["runs"]
+    for row, other in zip(one, two, strict=True):
         assert {**row, "run_time_s": 0} == {**other, "run_time_s": 0}
 
 
 @pytest.mark.slow
-def test_ranks_give_rows_of_one_process(model: Path, tmp_path: Path) -> None:
-    over = ["loads.0.force=[10, 20, 30]"]
-    one = swept(model, tmp_path / "one", over)
-    on_ranks(
-        2,
-        "-m",
-        "fenicsrom",
-        "sweep",
-        "--from",
-        str(model),
-        "--over",
-        over[0],
-        "--output",
-        str(tmp_path / "ranks"),
-    )
-    ranks = json.loads((tmp_path / "ranks" / "sweep.json").read_text())["runs"]
-    for row, other in zip(one.rows, ranks, strict=True):
-        assert {**row, "run_time_s": 0} == {**other, "run_time_s": 0}
-
-
-@pytest.mark.slow
-def test_cluster_gives_rows_of_one_process(model: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
-    over = ["loads.0.force=[10, 20, 30]"]
-    one = swept(model, tmp_path / "one", over)
-    cluster = distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
-    )
-    with cluster:
-        words = ["sweep", "--from", str(model), "--over", over[0]]
-        words += ["--scheduler", cluster.scheduler_address, "--output", str(tmp_path / "two")]
-        assert main(words) == 0
-    two = json.loads((tmp_path / "two" / "sweep.json").read_text())["runs"]
-    for row, other in zip(one.rows, two, strict=True):
-        assert {**row, "run_time_s": 0} == {**other, "run_time_s": 0}
-
-
 @pytest.mark.parametrize("address", ["nowhere"])
 def test_scheduler_that_does_not_answer_is_refused(
     model: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], address: str

@@ -366,7 +366,7 @@ class _Checks:
         return False
 
     def _moves(self, known: Bifurcation, check: Check) -> bool:
-        """Whether a bifurcation moves past a point, by at most `MOVES`; then its check says so."""
+        """Whether a bifurcation moves past a point by at most `MOVES`, as its check then says."""
         place, own = known.event.parameter, size_of(check.point)
         left = abs(1.0 - own) * (abs(place) or 1.0)
         shifts = {

@@ -116,8 +116,8 @@ class MotionErrors(NamedTuple):
     def deciding(self, joined: bool) -> float:
         """The error that decides on a run: the largest one, or that of the probe of a joint.
 
-        Bodies that touch slide by micrometres along one another, and the motion is that of the
-        probe. Their friction has an error of its own.
+        Bodies of a joint slide by micrometres along one another, so that the probe shows their
+        motion. The error of their friction is judged separately.
         """
         return max(self.probe, 2.0 * self.shift) if joined else self.largest
 

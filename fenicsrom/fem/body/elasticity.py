@@ -438,10 +438,10 @@ class ElasticBody:
         return matrix
 
     def factorised(self, matrix: PETSc.Mat, prefix: str, symmetric: bool = True) -> AnyFactor:
-        """Factorise a stiffness; of a sector, for loads alike on all sectors. Collective.
+        """Factorise a stiffness matrix. Collective.
 
-        The inverse of a free body is that on the complement of its rigid motions. Arguments and
-        errors as `Factorisation`.
+        The loads of a sector are alike on all sectors. For a free body, the factors solve for
+        motions that are orthogonal to its rigid motions. Arguments and errors as `Factorisation`.
         """
         if self.cut is not None:
             return WaveFactorisation(self, matrix, prefix, symmetric)

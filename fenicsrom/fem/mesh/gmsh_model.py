@@ -71,7 +71,7 @@ def boxes(low: Floats, high: Floats) -> list[str]:
 
 
 def apart(low: Floats, high: Floats) -> str:
-    """Name the pieces of a mesh by their corners (k, d); empty for one piece."""
+    """A sentence on the k pieces of a mesh, given the corners (k, d) of each; "" for one piece."""
     if (number := len(low)) == 1:
         return ""
     named = ", ".join(boxes(low, high)[:MOST_PIECES])

@@ -154,7 +154,7 @@ def _part(geometry: Geometry, path: Path, before: str) -> Geometry:
 
 
 def _named(file: MeshFile, before: str, dimension: int) -> MeshFile:
-    """The file with its solid and its groups only; a text before their names marks its cells."""
+    """The file with its solid and its groups only, whose names begin with the text `before`."""
     solid = any("solid" in block.groups for block in file.blocks)
     blocks = []
     for block in file.blocks:

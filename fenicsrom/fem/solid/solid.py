@@ -287,9 +287,9 @@ class Solid(ElasticBody):
     def factor(self) -> AnyFactor:
         """K⁻¹, factorised once for modes, attachments, constraints and derivatives.
 
-        Of bodies that touch each other it is K_lin⁻¹ (`fenicsrom.fem.equilibrium.joined`).
-        The factor of a known equilibrium comes from that of the undeformed body, as if the
-        equilibrium was computed: the results are the same to the last digit.
+        For bodies that touch each other, K is K_lin of `fenicsrom.fem.equilibrium.joined`. For a
+        known equilibrium, as for a computed one, the factors of the undeformed body come first, so
+        that the results are the same to the last digit.
         """
         self.set_field(self._u, np.zeros(self.local))
         stiffness = self.with_room(self.matrix(self._tangent_form, 1.0))

@@ -146,7 +146,7 @@ class Continuation(arc.ArcLength):
         )
 
     def _monodromy(self, jacobian: Array) -> Array:
-        """The derivative (N, N) of P by s, from that (N, N + 1) of the equations."""
+        """The derivative (N, N) of P(s), given the Jacobian (N, N + 1) of P(s) - s."""
         return jacobian[:, :-1] + np.eye(len(jacobian))
 
     def monodromy(self, point: curves.CurvePoint) -> Array | None:

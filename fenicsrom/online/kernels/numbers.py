@@ -142,7 +142,7 @@ def _constant(x, y):  # type: ignore[no-untyped-def]
 
 
 def vector(x: Any) -> Vector:
-    """The vector of an array (d,); a vector is returned as it is."""
+    """The three components of an array (d,) or of a vector."""
     if isinstance(x, np.ndarray):
         return x[0], x[1], x[2] if x.size > 2 else 0.0
     first, second, third = x

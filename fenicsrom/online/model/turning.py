@@ -67,7 +67,7 @@ def no_turning() -> Turning:
 
 
 def rest_row(turning: Turning, elastic: ElasticPolynomial, square: float, q: Array) -> Array:
-    """A row (3 + n,) of `Turning.rest`: Omega^2 and its equilibrium q (n,)."""
+    """A row (3 + n,) of `Turning.rest` for Omega^2 and the equilibrium q (n,) at this speed."""
     force, tangent = np.empty(q.size), np.empty((q.size, q.size))
     half = 0.5 * added_inertia(turning, q)
     energy = elastic_force(elastic, q, force, tangent) - square * half

@@ -116,7 +116,8 @@ class StoredModel(UnderScenes):
     def meshes(self) -> Meshes | None:
         """The models of the same coordinates on the elements of the mesh and on finer ones.
 
-        With the numbers of these coordinates among those of the model; -1 for another coordinate.
+        A list gives for each of these coordinates its number in the model of this file, or -1 if
+        that model lacks it.
 
         Raises:
             ConvergenceError: the finer elements have no equilibrium at the speed of the scene.
@@ -447,7 +448,7 @@ FORMS: dict[str, Callable[..., dict[str, Any]]] = {
 
 
 def makers(scene: Scene) -> dict[str, Any]:
-    """What makes the records of the fields that a file keeps, and of its scene."""
+    """The functions that make records again from what a file keeps of them and of its scene."""
     plain = ContactPoints, Bolts, PressurePolynomial, Turning, Recovery, ReactionTable, Deformation
     more = RangeModel, RangeErrors, Trained, Sector
     return {kind.__name__: kind for kind in (*plain, *more)} | {

@@ -297,7 +297,7 @@ class Plot:
     detail_labels: Sequence[tuple[str, str]] = ()
 
     def __post_init__(self) -> None:
-        """Give the panels their places, and the outer ones their labels."""
+        """Give each panel its place; only the lowest and the left panels label their axes."""
         panels = [
             replace(panel, place=panel.place or (*divmod(k, self.columns), 1, 1))
             for k, panel in enumerate(self.panels)

@@ -161,7 +161,7 @@ class Quantity:
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
     def cell(self, record: Any) -> Any:
-        """What a table has of a record: a number with its digits; anything else as it is."""
+        """The entry of a record in a table: a number gets its digits, all else stays as it is."""
         value = self.value(record)
         if isinstance(value, float):
             return f"{self.factor * value:.{self.digits}g}"

@@ -576,7 +576,7 @@ def _cones(mark: Mark, points: Array, height: float, apart: float) -> PolyData:
 
 
 def surroundings(marks: Sequence[Mark], points: Array) -> list[Part]:
-    """The round walls, and the axis of rotation beside the body (n, 3) and the walls."""
+    """Parts that show the round walls, and the axis of rotation along walls and body (n, 3)."""
     import pyvista
 
     found = []

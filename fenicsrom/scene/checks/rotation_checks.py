@@ -123,7 +123,7 @@ def _off_axis(moved: tuple[float, ...], axis: tuple[float, ...] | None) -> bool:
 
 
 def _are_parallel(a: tuple[float, ...] | None, b: tuple[float, ...] | None) -> bool:
-    """Whether two unit vectors have one line; without a vector, whether both have none."""
+    """Whether two unit vectors are parallel. If one of them is None, both must be."""
     if a is None or b is None:
         return a is b
     return abs(sum(map(mul, a, b))) > 1.0 - 1e-9
