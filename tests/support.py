@@ -312,28 +312,22 @@ def linear_model(
 
 
 def loaded_duffing(
-    damping: float, cubic: float, load: LoadHistories, gain: float = 1.0
+    damping: float, cubic: float, load: LoadHistories, gain: float = 1.0, linear: float = 1.0
 ) -> ReducedModel:
-    """q'' + damping q' + q + cubic q^3 = load; the probe moves along x by gain times q."""
-    elastic = ElasticPolynomial(
-        np.zeros(1), np.ones((1, 1)), np.zeros((1, 1)), np.full((1, 1), 3.0 * cubic)
-    )
+    """q'' + damping q' + linear q + cubic q^3 = load; the probe moves along x by gain times q."""
+    one = np.ones((1, 1))
+    elastic = ElasticPolynomial(np.zeros(1), linear * one, 0.0 * one, 3.0 * cubic * one)
     return reduced_model(
-        np.ones((1, 1)),
-        damping,
-        elastic,
-        np.ones((1, 1)),
-        load,
-        *first(0, 1),
-        gain * np.eye(2, 1),
-        np.zeros(2),
+        one, damping, elastic, one, load, *first(0, 1), gain * np.eye(2, 1), np.zeros(2)
     )
 
 
-def duffing(damping: float, cubic: float, force: float, omega: float) -> tuple[ReducedModel, float]:
-    """x'' + damping x' + x + cubic x^3 = force cos(omega t), and the period of the load."""
+def duffing(
+    damping: float, cubic: float, force: float, omega: float, linear: float = 1.0
+) -> tuple[ReducedModel, float]:
+    """x'' + damping x' + linear x + cubic x^3 = force cos(omega t), and the period of the load."""
     load = harmonic(np.array([force]), np.array([omega]), np.array([0.5 * np.pi]))
-    return loaded_duffing(damping, cubic, load), 2.0 * np.pi / omega
+    return loaded_duffing(damping, cubic, load, linear=linear), 2.0 * np.pi / omega
 
 
 def uncoupled(scene: Scene, *squares: float) -> ReducedModel:

@@ -9,12 +9,12 @@ from typing import Any
 import motions
 import numpy as np
 import pytest
-from support import beam_scene, first, linear_model, oscillator
+from support import beam_scene, linear_model, loaded_duffing, oscillator
 
 from fenicsrom.assess.errors import estimates, verdicts
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.model.model import ReducedModel, reduced_model
-from fenicsrom.online.model.polynomial import ElasticPolynomial, pairs
+from fenicsrom.online.model.polynomial import pairs
 from fenicsrom.online.motion.measures import amplitude, has_settled, is_unsteady
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import load_histories, simulate
@@ -87,11 +87,8 @@ def double_well(force: float) -> tuple[ReducedModel, Scene]:
         probe={"group": "tip"},
         time={"steps_per_period": 100, "periods": 300},
     )
-    one = np.ones((1, 1))
-    elastic = ElasticPolynomial(np.zeros(1), -one, 0.0 * one, 3.0 * one)
-    probe = np.eye(2, 1), np.zeros(2)
-    load, contact = load_histories(scene), first(0, 1)
-    return reduced_model(one, 0.3, elastic, force * one, load, *contact, *probe), scene
+    model = loaded_duffing(0.3, 1.0, load_histories(scene), linear=-1.0)
+    return model._replace(loads=force * model.loads), scene
 
 
 @pytest.mark.parametrize(

@@ -190,19 +190,6 @@ def test_commands_have_folders_of_their_own() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sets", ["", "*NSET, NSET=root\n1,2,3,4\n"])
-def test_modes_of_a_starter_scene_are_computed(
-    tmp_path: Path, sets: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("dolfinx")
-    path, scene = bar(tmp_path / "bar.inp", sets=sets), tmp_path / "scenes" / "a.toml"
-    assert main(["init", str(path), "--output", str(scene)]) == 0
-    quick = ["--set", "output.pictures=false", "--set", "output.paraview=false"]
-    assert main(["modes", str(scene), "--output", str(tmp_path / "out"), *quick]) == 0
-    assert "1V" in capsys.readouterr().out
-
-
-@pytest.mark.slow
 def test_campbell_needs_no_load(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("dolfinx")
     scene = tmp_path / "a.toml"

@@ -216,9 +216,6 @@ def test_tip_of_pressed_blade_converges_with_the_mesh() -> None:
 # ------------------------------------------------------------------ what is refused
 
 
-DOWN = [0.0, -1.0]
-
-
 def test_pressure_on_facets_inside_the_body_is_refused() -> None:
     with refusal(ErrorKind.PLACE, "loads[0].pressure"):
         beam(2, {"group": "load", "pressure": 5.0})

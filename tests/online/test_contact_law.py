@@ -12,18 +12,15 @@ from support import assert_tangent, one_contact
 
 from fenicsrom.online.contact.friction import blended, mean_of_positive
 from fenicsrom.online.contact.law import at_rest, contact_energy
-from fenicsrom.online.contact.problem import given_compliance, solve_contact
 from fenicsrom.online.contact.state import (
     OPEN,
     SLIP,
     STICK,
     ContactState,
-    ContactStep,
-    Interval,
     contact_scratch,
     zero_contact_state,
 )
-from fenicsrom.online.contact.surfaces import PLANE, Contacts, planes
+from fenicsrom.online.contact.surfaces import PLANE, Contacts
 
 Array = NDArray[np.float64]
 
@@ -243,59 +240,6 @@ def test_node_dragged_around_casing_does_the_work_of_friction() -> None:
             assert total[0 if dragged else 2] == pytest.approx(exact, rel=1e-3)
             errors.append(abs(total[1] / exact - 1.0))
     assert errors[1] < 0.6 * errors[0] or errors[1] < 1e-5
-
-
-def test_two_points_of_half_weight_equal_one_point() -> None:
-    rng = np.random.default_rng(9)
-    for a, line in SCHEMES:
-        whole = casing(3, waves=True, spin=0.7)
-        twice = planes(*np.zeros((5, 2)), dimension=3)
-        half = Contacts(
-            *(
-                np.repeat(v, 2, axis=0) if k not in ("times", "order", "coating") else new
-                for (k, v), new in zip(whole._asdict().items(), twice, strict=True)
-            )
-        )._replace(times=whole.times, order=whole.order)
-        half = half._replace(
-            **{
-                k: 0.5 * getattr(half, k)
-                for k in ("preload", "normal_stiffness", "tangential_stiffness")
-            }
-        )
-        start, double = zero_contact_state(1, 3), zero_contact_state(2, 3)
-        x, w = rng.uniform(-2e-3, 2e-3, (2, 1, 3))
-        at_rest(whole, x, w, 0.0, start, contact_scratch(1, 3))
-        at_rest(
-            half,
-            np.repeat(x, 2, axis=0),
-            np.repeat(w, 2, axis=0),
-            0.0,
-            double,
-            contact_scratch(2, 3),
-        )
-        root = rng.standard_normal((3, 3))
-        delassus, free = 1e-4 * (np.eye(3) + 0.2 * root @ root.T), rng.uniform(0.0, 4e-3, (1, 3))
-        ends = zero_contact_state(1, 3), zero_contact_state(2, 3)
-        scratches = contact_scratch(1, 3), contact_scratch(2, 3)
-        interval, both = Interval(0.0, 0.3, a, line), np.tile(delassus, (2, 2))
-        assert solve_contact(
-            ContactStep(whole, interval, start, ends[0], scratches[0]),
-            scratches[0].candidates,
-            given_compliance(delassus),
-            free,
-        )
-        assert solve_contact(
-            ContactStep(half, interval, double, ends[1], scratches[1]),
-            scratches[1].candidates,
-            given_compliance(both),
-            np.repeat(free, 2, axis=0),
-        )
-        np.testing.assert_allclose(
-            ends[1].x, np.repeat(ends[0].x, 2, axis=0), rtol=1e-9, atol=1e-14
-        )
-        np.testing.assert_allclose(
-            scratches[1].mean_force.sum(axis=0), scratches[0].mean_force[0], rtol=1e-9
-        )
 
 
 # ------------------------------------------------------------------ energies

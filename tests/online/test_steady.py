@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, first, harmonic, no_contacts, oscillator, rubbing_masses
+from support import beam_scene, duffing, no_contacts, oscillator, rubbing_masses
 
 from fenicsrom.assess.errors.estimates import check_motion, step_errors
 from fenicsrom.assess.errors.verdicts import check_settled, free_slider_sentence
 from fenicsrom.errors import AccuracyError
-from fenicsrom.online.model.model import Problem, ReducedModel, reduced_model
-from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.measures import (
     amplitude,
     friction_dissipation_per_period,
@@ -35,19 +34,6 @@ from fenicsrom.scene import Time
 from fenicsrom.scene.reading.reading import coarser, with_time
 
 Array = NDArray[np.float64]
-
-
-def duffing(
-    damping: float, linear: float, cubic: float, force: float, omega: float
-) -> tuple[ReducedModel, float]:
-    """x'' + damping x' + linear x + cubic x^3 = force cos(omega t), and the period of the load."""
-    elastic = ElasticPolynomial(
-        np.zeros(1), np.full((1, 1), linear), np.zeros((1, 1)), np.full((1, 1), 3.0 * cubic)
-    )
-    load = harmonic(np.array([force]), np.array([omega]), np.array([0.5 * np.pi]))
-    mass, probe = np.ones((1, 1)), (np.eye(2, 1), np.zeros(2))
-    model = reduced_model(mass, damping, elastic, np.ones((1, 1)), load, *first(0, 1), *probe)
-    return model, 2.0 * np.pi / omega
 
 
 def run(model: ReducedModel, period: float, contacts: Any = None, **options: Any) -> Motion:
@@ -120,7 +106,7 @@ def test_march_is_kept_where_it_is_asked_for() -> None:
 @pytest.mark.parametrize("start", [(0.0, 0.0), (2.0, -1.0), (-1.0, 1.5)])
 def test_branch_is_that_of_the_march(start: tuple[float, float]) -> None:
     """A Duffing oscillator with two stable orbits, of amplitudes 1.41 and 0.249."""
-    model, period = duffing(0.05, 1.0, 1.0, 0.3, 1.5)
+    model, period = duffing(0.05, 1.0, 0.3, 1.5)
     options = {"start": at(*start), "steps_per_period": 200}
     marched = run(model, period, steady="march", steady_tolerance=1e-9, **options)
     motion = run(model, period, **options)
@@ -133,7 +119,7 @@ def test_branch_is_that_of_the_march(start: tuple[float, float]) -> None:
 def test_slow_decay_is_not_taken_for_the_steady_state(tolerance: float) -> None:
     """At resonance the march repeats to 1e-3 while a quarter of the amplitude is still missing; to
     0.3 it repeats before the first attempt."""
-    model, period = duffing(1e-3, 1.0, 0.0, 1e-3, 1.0)
+    model, period = duffing(1e-3, 0.0, 1e-3, 1.0)
     marched = run(model, period, steady="march", steady_tolerance=tolerance, periods=9000)
     long = run(model, period, steady="march", steady_tolerance=1e-10, periods=9000)
     motion = run(model, period, steady_tolerance=tolerance, periods=9000)
@@ -147,7 +133,7 @@ def test_slow_decay_is_not_taken_for_the_steady_state(tolerance: float) -> None:
 @pytest.mark.parametrize("force", [4.4e-3, 14.6e-3])
 def test_march_that_comes_nearer_for_long_ends_in_its_motion(force: float) -> None:
     """The frequency depends on the amplitude: 160 periods show too little of the slow decay."""
-    model, period = duffing(0.002, 1.0, 0.1, force, 1.005 if force < 0.01 else 1.02)
+    model, period = duffing(0.002, 0.1, force, 1.005 if force < 0.01 else 1.02)
     motion = run(model, period, periods=100)
     marched = run(model, period, periods=4000, steady="march", steady_tolerance=1e-13)
     assert motion.steady and motion.newton_from is not None
@@ -159,7 +145,7 @@ def test_march_on_its_way_is_refused_with_the_periods_that_it_needs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(steady, "LONGEST_LOOK_AHEAD", 1)
-    model, period = duffing(0.002, 1.0, 0.1, 14.6e-3, 1.02)
+    model, period = duffing(0.002, 0.1, 14.6e-3, 1.02)
     motion = run(model, period, periods=100)
     scene: Any = SimpleNamespace(time=Time.of(steady_tolerance=1e-5))
     with pytest.raises(AccuracyError) as caught:
@@ -178,7 +164,7 @@ def test_march_on_its_way_is_refused_with_the_periods_that_it_needs(
 
 def test_march_that_stays_away_from_a_stable_motion_is_refused() -> None:
     """The oscillator with two wells: beside the motion of one period there is a chaotic one."""
-    model, period = duffing(0.15, -1.0, 1.0, 0.27, 1.0)
+    model, period = duffing(0.15, 1.0, 0.27, 1.0, linear=-1.0)
     motion = run(model, period, start=at(0.3, 0.6), periods=45)
     assert not motion.steady and motion.search is not None
     assert response_summary(motion)["periodic_motion"]["verdict"] == "not reached"
@@ -201,7 +187,7 @@ def test_march_that_repeats_without_tending_to_the_motion_tries_seldom(
         return False
 
     monkeypatch.setattr(_Search, "_tends", tends)
-    model, period = duffing(0.05, 1.0, 0.0, 0.1, 0.8)
+    model, period = duffing(0.05, 0.0, 0.1, 0.8)
     motion = run(model, period, periods=90, steady_tolerance=0.5)
     assert not motion.steady and motion.periods == 90
     assert tried == [5, 10, 20, 40, 80, 90]
@@ -211,7 +197,7 @@ def test_march_that_repeats_without_tending_to_the_motion_tries_seldom(
 @pytest.mark.parametrize(("force", "multiple"), [(0.28, 2), (0.37, 5)])
 def test_subharmonic_motion_is_found(force: float, multiple: int) -> None:
     """The oscillator with two wells, whose motions at these forces are known to repeat so."""
-    model, period = duffing(0.3, -1.0, 1.0, force, 1.2)
+    model, period = duffing(0.3, 1.0, force, 1.2, linear=-1.0)
     motion = run(model, period, start=at(1.0, 0.0), periods=900)
     assert motion.steady and motion.search is not None and motion.search.accepted
     assert motion.search.periods == multiple
@@ -264,7 +250,7 @@ def test_steps_of_the_last_period_become_those_of_the_map() -> None:
 
 @pytest.mark.slow
 def test_chaotic_motion_is_marched_to_the_end_and_told() -> None:
-    model, period = duffing(0.3, -1.0, 1.0, 0.5, 1.2)
+    model, period = duffing(0.3, 1.0, 0.5, 1.2, linear=-1.0)
     motion = run(model, period, start=at(1.0, 0.0), periods=90)
     assert not motion.steady and motion.periods == 90 and motion.newton_from is None
     assert motion.search is not None and not motion.search.accepted
@@ -332,7 +318,7 @@ def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path)
         model, contacts, period = rubbing_masses()
         options: dict[str, Any] = {}
     else:
-        model, period = duffing(0.3, -1.0, 1.0, 0.28, 1.2)
+        model, period = duffing(0.3, 1.0, 0.28, 1.2, linear=-1.0)
         contacts = no_contacts()
         options = {"start": at(1.0, 0.0)}
     whole = run(model, period, contacts, **options)
@@ -418,7 +404,7 @@ def test_lightly_damped_march_ends_in_its_own_one_of_two_motions(
     damping: float, cubic: float, omega: float
 ) -> None:
     force = damping * np.sqrt(80.0 * damping / (3.0 * cubic))
-    model, period = duffing(damping, 1.0, cubic, force, omega)
+    model, period = duffing(damping, cubic, force, omega)
     found = run(model, period, periods=20_000)
     marched = run(
         model, period, periods=round(8.0 / damping), steady="march", steady_tolerance=1e-13

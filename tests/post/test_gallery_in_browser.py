@@ -102,6 +102,8 @@ def test_report_has_no_error_in_a_browser_and_its_body_turns(
         assert before.count("The motion at") == 1
         browser.execute_script(TITLES, True)
         wait.until(lambda found: found.execute_script(TITLES, False) != before)
+    loaded = browser.execute_script("return performance.getEntriesByType('resource')")
+    assert not [entry["name"] for entry in loaded if entry["name"].startswith("http")]
     wide = "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
     assert picture(browser).size and not severe(browser) and not browser.execute_script(wide)
 

@@ -7,16 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import browser, changed, choose_shape, picture, severe, turn
+from browser import browser, changed, picture
 from test_body_surface import beam_surface
 
 pytest.importorskip("pyvista")
 pytest.importorskip("k3d")
 
 from fenicsrom.cli import main
-from fenicsrom.post.base.page import Page, write_report
-from fenicsrom.post.base.picture import Picture, draw_pictures
-from fenicsrom.post.base.plot import Line, Panel, Plot
 from fenicsrom.post.body.body_view import view_of
 from fenicsrom.post.body.group_drawing import group_page
 from fenicsrom.post.body.turning_view import (
@@ -27,7 +24,6 @@ from fenicsrom.post.body.turning_view import (
     running,
     simplified,
     swinging,
-    turning_page,
     turning_plot,
 )
 
@@ -75,51 +71,6 @@ def test_first_view_shows_all_of_a_tall_body() -> None:
     assert np.abs(slope).max() < np.tan(np.radians(0.5 * plot.camera_fov)) < 1.5 * np.ptp(slope)
 
 
-@pytest.fixture
-def report(tmp_path: Path) -> Path:
-    """A report with a body, its set-up and one shape."""
-    surface = beam_surface("hexahedron", LENGTH)
-    still = np.zeros((1, surface.n_points, 3))
-    setup = Shown("set-up", "", still, np.full(surface.n_points, UNPAINTED))
-    shown = [setup, swinging("1V", bent(surface, 1.0), LENGTH)]
-    page = turning_page(*turning_plot(surface, shown, [], view_of(surface)))
-    line = Line([0.0, 1.0], [0.0, 1.0], color="#d55e00", linewidth=8.0, label="thick")
-    picture = Picture("Curve", "motion.png", lambda: Plot([Panel([line])], 5.0, 3.0))
-    (drawn,) = draw_pictures([picture], tmp_path, [])
-    sections = [("The body", [Page(page)]), ("Curve", [drawn])]
-    return write_report(tmp_path / "report.html", "a beam", sections)
-
-
-@pytest.mark.slow
-def test_report_opens_without_errors_and_its_body_turns(report: Path, browser: Any) -> None:
-    from selenium.webdriver import ActionChains
-    from selenium.webdriver.common.by import By
-    from selenium.webdriver.support.ui import Select, WebDriverWait
-
-    assert report.stat().st_size < 4e6
-    browser.get(report.as_uri())
-    browser.switch_to.frame(browser.find_element(By.ID, "body"))
-    wait = WebDriverWait(browser, 60)
-    setup = choose_shape(browser, wait, 0)
-    shapes = Select(browser.find_element(By.ID, "shape"))
-    assert [option.text for option in shapes.options] == ["set-up", "1V"]
-    shape = choose_shape(browser, wait, 1)
-    assert changed(setup, shape) > 1000
-    turn(browser, wait, shape)
-    browser.switch_to.default_content()
-    chart = browser.find_element(By.ID, "chart-motion.png")
-    wait.until(lambda found: not chart.find_elements(By.TAG_NAME, "img"))  # the chart replaces it
-    browser.execute_script("arguments[0].scrollIntoView()", chart)
-    first = "return Bokeh.documents[0].roots()[0].children[0][0].x_range.start"
-    start = browser.execute_script(first)
-    box = ActionChains(browser).move_to_element(chart).click_and_hold()
-    box.move_by_offset(150, 60).release().perform()
-    wait.until(lambda found: found.execute_script(first) > start + 0.01)
-    assert not severe(browser)
-    loaded_files = browser.execute_script("return performance.getEntriesByType('resource')")
-    assert not [entry["name"] for entry in loaded_files if entry["name"].startswith("http")]
-
-
 @pytest.mark.slow
 def test_page_of_groups_names_the_face_under_the_pointer(tmp_path: Path, browser: Any) -> None:
     from selenium.webdriver import ActionChains
@@ -156,8 +107,10 @@ def test_page_of_groups_names_the_face_under_the_pointer(tmp_path: Path, browser
 
 
 def test_view_opens_the_report_or_names_its_address(
-    report: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    report = tmp_path / "report.html"
+    report.touch()
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", lambda address: bool(opened.append(address)))
     assert main(["view", str(report.parent)]) == 0

@@ -12,7 +12,6 @@ pyvista = pytest.importorskip("pyvista")
 
 from dolfinx import mesh as dmesh  # noqa: E402
 from spaces import CELLS, HEIGHT, LENGTH, field, of_space, space_on  # noqa: E402
-from support import needs_mpirun, on_ranks  # noqa: E402
 
 from fenicsrom.post.paraview import vtk  # noqa: E402
 
@@ -152,48 +151,6 @@ def test_interrupted_motion_leaves_older_one(tmp_path, stop):
     ):
         vtk.write_motion(tmp_path, "motion", space, [0.0, 1.0, 2.0], frame)
     assert os.listdir(tmp_path) == ["motion"] and len(os.listdir(tmp_path / "motion")) == 2
-
-
-PARALLEL = """
-from pathlib import Path
-import numpy as np
-from mpi4py import MPI
-from fenicsrom.post.paraview import vtk
-from spaces import of_space, space_on
-space = space_on("tetrahedron", comm=MPI.COMM_WORLD)
-u = of_space(space, 2)
-folder = Path({folder!r})
-print(vtk.write_fields(folder, "modes", space, {{"1V": u}}))
-print(vtk.write_motion(folder, "motion", space, [0.0, 0.5], lambda i: i * u))
-def frame(number):
-    if MPI.COMM_WORLD.rank == 1 and number == 1:
-        raise OSError(28, "No space left on device")
-    return u
-try:
-    vtk.write_motion(folder, "broken", space, [0.0, 0.5], frame)
-except OSError as error:
-    print("refused:", error)
-"""
-
-
-@pytest.mark.slow
-@needs_mpirun
-def test_fields_of_two_ranks_are_one_grid(tmp_path):
-    done = on_ranks(2, "-c", PARALLEL.format(folder=str(tmp_path)))
-    assert done.stdout.count("refused:") == 2 and "rank 1 failed" in done.stdout
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["modes", "motion"]
-    whole = space_on("tetrahedron")
-    grid = pyvista.read(tmp_path / "modes" / "modes.pvtu")
-    assert grid.n_cells == whole.mesh.topology.index_map(3).size_local and set(grid.celltypes) == {
-        24
-    }
-    np.testing.assert_allclose(grid.point_data["1V"], field(grid.points, 2, 3), atol=1e-13)
-    reader = pyvista.get_reader(tmp_path / "motion" / "motion.pvd")
-    reader.set_active_time_value(0.5)
-    moved = reader.read()[0]
-    np.testing.assert_allclose(
-        moved.point_data["displacement"], field(moved.points, 2, 3), atol=1e-13, rtol=2.0**-23
-    )
 
 
 @pytest.mark.parametrize("cell", CELLS)

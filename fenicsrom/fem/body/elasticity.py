@@ -440,8 +440,8 @@ class ElasticBody:
     def factorised(self, matrix: PETSc.Mat, prefix: str, symmetric: bool = True) -> AnyFactor:
         """Factorise a stiffness matrix. Collective.
 
-        The loads of a sector are alike on all sectors. For a free body, the factors solve for
-        motions that are orthogonal to its rigid motions. Arguments and errors as `Factorisation`.
+        The loads of a sector are alike on all sectors. For a free body, the factors give its
+        deformation without a rigid part. Arguments and errors as `Factorisation`.
         """
         if self.cut is not None:
             return WaveFactorisation(self, matrix, prefix, symmetric)
