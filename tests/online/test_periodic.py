@@ -84,7 +84,7 @@ def test_iteration_ends_after_the_largest_number() -> None:
 def test_iteration_may_end_in_the_rounding_of_large_forces_at_rest(
     monkeypatch: pytest.MonkeyPatch, noise: float, found: bool
 ) -> None:
-    model, contacts, period = rubbing(0.4)
+    model, contacts, period = rubbing_masses(0.4)
     shooting = Shooting(Problem(model, contacts, period_steps(100), period))
     s = shooting.scaled(start_variables(shooting, START))
     exact = shooting.scaled(solve(shooting, s).z)
