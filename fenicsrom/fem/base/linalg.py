@@ -205,7 +205,7 @@ def negative_eigenvalues(matrix: PETSc.Mat) -> int:
 
 
 def multiply(matrix: PETSc.Mat, block: Array) -> Array:
-    """Matrix times a vector (local rows,) or the columns of a block (local rows, k).
+    """Matrix times a vector (local columns,) or the columns of a block (local columns, k).
 
     The ranks exchange all columns at once.
     """
@@ -223,8 +223,8 @@ def multiply(matrix: PETSc.Mat, block: Array) -> Array:
 
 
 def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:
-    """A block (local rows, k) as a dense matrix with the distribution of a square matrix."""
-    rows = matrix.getLocalSize()[0], matrix.getSize()[0]
+    """A block (local columns, k) as a dense matrix with the distribution of the columns."""
+    rows = matrix.getLocalSize()[1], matrix.getSize()[1]
     sizes = rows, (None, block.shape[1])
     dense = PETSc.Mat().createDense(sizes, array=np.asfortranarray(block), comm=matrix.comm)
     dense.assemble()

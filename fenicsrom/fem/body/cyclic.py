@@ -30,7 +30,7 @@ from scipy.spatial.transform import Rotation
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
-from fenicsrom.fem.base.linalg import Factorisation, FreeFactorisation
+from fenicsrom.fem.base.linalg import Factorisation, FreeFactorisation, multiply
 from fenicsrom.fem.body.pairs import Side
 from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.scene import Cyclic
@@ -296,7 +296,7 @@ class CutFaces:
         """Complex amplitudes u (local, k) of Re (u e^{iωt}) of masters (own, k). Collective."""
         constraint = self.constraint(h)
         parts = (np.ascontiguousarray(part, dtype=np.float64) for part in (z.real, z.imag))
-        real, imaginary = (times(constraint, part) for part in parts)
+        real, imaginary = (multiply(constraint, part) for part in parts)
         constraint.destroy()
         found = real + 1j * imaginary
         return np.asarray(found if self.is_real(h) else found[::2])
@@ -313,7 +313,7 @@ class CutFaces:
     def waves_among(self, h: int, fields: Array) -> Complex:
         """Combinations (local, m) of independent fields (local, k) that are waves. Collective."""
         constraint = self.constraint(h)
-        wave = times(constraint, self.masters_of(h, fields))
+        wave = multiply(constraint, self.masters_of(h, fields))
         constraint.destroy()
         rest = fields - (wave if self.is_real(h) else wave[::2] + 1j * wave[1::2])
         return self._without(rest, fields)
@@ -429,7 +429,7 @@ class WaveFactorisation:
     def solve(self, block: Array) -> Array:
         """Solve for every column of a block (local, k)."""
         inner = self._inner.solve(times_transposed(self._constraint, block))
-        return times(self._constraint, inner)
+        return multiply(self._constraint, inner)
 
     def negative_eigenvalues(self) -> int:
         """Number of negative eigenvalues of Pᵀ K P."""
@@ -442,23 +442,13 @@ class WaveFactorisation:
             self.matrix.destroy()
 
 
-def times(matrix: PETSc.Mat, block: Array) -> Array:
-    """A rectangular matrix times a block (columns of this rank, k)."""
-    x, y = matrix.createVecs()
-    return _by_column(matrix.mult, x, y, block)
-
-
 def times_transposed(matrix: PETSc.Mat, block: Array) -> Array:
     """The transposed of a rectangular matrix times a block (rows of this rank, k)."""
     y, x = matrix.createVecs()
-    return _by_column(matrix.multTranspose, x, y, block)
-
-
-def _by_column(product: Any, x: PETSc.Vec, y: PETSc.Vec, block: Array) -> Array:
     found = np.empty((y.getLocalSize(), block.shape[1]))
     for k in range(block.shape[1]):
         x.array[:] = block[:, k]
-        product(x, y)
+        matrix.multTranspose(x, y)
         found[:, k] = y.array
     x.destroy()
     y.destroy()
