@@ -38,8 +38,8 @@ STUCK_WEIGHT = 0.05
 REST = 2e-3
 """ε of the principal derivatives (`reduction.derivatives`): friction has little of the energy."""
 
-DEPENDENT = 1e-10
-"""Directions with a smaller singular value, relative to the largest, are rounding."""
+DEPENDENT = 1e-7
+"""Directions whose singular value, relative to the largest, is smaller: its square is rounding."""
 
 ROUNDED = 1e-12
 """Smaller energies, by the work of the loads, are rounding."""
@@ -68,9 +68,13 @@ def interface_vectors(
             blocks.append(weight * scaled / size)
     if not blocks:
         return np.zeros((springs.size, 0))
-    _, values, directions = np.linalg.svd(np.concatenate(blocks), full_matrices=False)
-    kept = int(np.sum(values[: VECTORS + MORE] > DEPENDENT * values[0]))
-    return np.asarray(root[:, None] * directions[:kept].T)
+    from scipy.linalg import eigh  # slow to import, and reused bases do not need it
+
+    both, last = np.concatenate(blocks), springs.size - 1
+    chosen = max(0, last + 1 - VECTORS - MORE), last
+    squares, directions = eigh(both.T @ both, subset_by_index=chosen)
+    kept = squares > DEPENDENT**2 * squares[-1]
+    return np.asarray(root[:, None] * directions[:, kept][:, ::-1])
 
 
 def dissipated(motion: Motion) -> float:
