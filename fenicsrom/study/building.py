@@ -39,7 +39,11 @@ def solid(run: Run, modes_only: bool = False) -> None:
     """Assemble the solid, and solve for its static equilibrium if there are static loads."""
     import numpy as np
 
-    from fenicsrom.assess.errors.plausibility import equilibrium_deformation, equilibrium_warnings
+    from fenicsrom.assess.errors.plausibility import (
+        equilibrium_deformation,
+        equilibrium_warnings,
+        turns,
+    )
     from fenicsrom.fem.body.free_bodies import require_small
     from fenicsrom.fem.solid.solid import solid_of
 
@@ -52,6 +56,7 @@ def solid(run: Run, modes_only: bool = False) -> None:
             log.info(f"  warning: {text}")  # said now, because a wrong scene may run for long
     run.study.deformation = equilibrium_deformation(body, run.study.scene)
     body.warnings += equilibrium_warnings(run.study.deformation)
+    body.warnings += turns(body, run.study.scene, body.equilibrium[:, None])
     if body.loaded and len(body.probe_rows):
         deflection = body.comm.allreduce(body.probe_rows @ body.equilibrium)
         run.study.deflection = np.asarray(deflection)

@@ -176,14 +176,18 @@ def fit_size(run: Run) -> None:
 
 
 def _strain_warnings(study: Study, motion: Motion) -> list[Note]:
-    """Warn of large strains in a large motion whose stresses are not found anyway. Collective."""
+    """Warn of large strains in a large motion whose stresses are not found anyway. Collective.
+
+    Warn of contacts between bodies that turn, too.
+    """
     from fenicsrom.assess.errors.plausibility import LARGE_MOTION, motion_warnings
 
     moved = float(abs(motion.displacement).max(initial=0.0))
     small = moved < LARGE_MOTION * study.solid.extent
-    if small or study.basis is None or study.scene.output.stresses != "none":
+    strains = not small and study.scene.output.stresses == "none"
+    if study.basis is None or not (strains or study.solid.joined):
         return []
-    return motion_warnings(study.solid, study.scene, study.basis.vectors, motion)
+    return motion_warnings(study.solid, study.scene, study.basis.vectors, motion, strains)
 
 
 def check_beam(study: Study) -> None:

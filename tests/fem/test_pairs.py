@@ -15,6 +15,7 @@ from support import refusal
 
 import fenicsrom as fr
 from fenicsrom.assess.curves.response_problem import scenes_of_curves
+from fenicsrom.assess.errors.plausibility import turns
 from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.exchange.deck import scene_deck
 from fenicsrom.fem.body import pairs
@@ -265,6 +266,33 @@ def test_slide_of_a_frictionless_start_is_named() -> None:
         body = solid(lap(loads=loads, time={"duration": 1.0, "step": 0.1}))
         said = [note for note in body.warnings if "slide by up to 0.0" in note]
         assert len(said) == (force > 100.0)  # 8 kN of bolts over 20 mm turn by 2.5 mm
+
+
+def test_plates_that_turn_far_beside_fixed_normals_are_in_doubt(tmp_path: Path) -> None:
+    """Two plates without friction bend as one of them under half of the pressure."""
+    plates = [((0.0, y), (0.2, y + 0.005), (n, 1)) for y, n in ((0.0, 10), (0.005, 12))]
+    held = [{"group": f"{k} low x"} for k in range(2)]
+    contact = {"group": "1 low y", "against": "0 high y", "friction": 0.0}
+    for pressure, doubtful in ((1e5, False), (5e5, True)):
+        tips = []
+        for count, mesh in enumerate((plates[:1], plates), 1):
+            load = {"pressure": 0.5 * count * pressure, "follower": True}
+            scene = scene_of(
+                blocks(tmp_path / f"{count}.vtu", *mesh),
+                2,
+                contact,
+                2,
+                geometrically_nonlinear=True,
+                supports=held[:count],
+                loads=[{"group": f"{count - 1} high y", **load}],
+                probe={"group": f"{count - 1} high x"},
+                time={"duration": 1.0, "step": 0.1},
+            )
+            body = solid(scene if count == 2 else replace(scene, contacts=()))
+            tips.append(float((body.probe_rows @ body.equilibrium)[1]))
+        found = [*turns(body, scene, body.equilibrium[:, None])]
+        assert [note.key for note in found] == ["contacts[0]"] * doubtful
+        assert (abs(tips[1] / tips[0] - 1.0) > 3e-3) is doubtful
 
 
 def test_body_that_friction_alone_holds_is_the_named_cause(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.comparisons import MeshCheck, of_solid
-from fenicsrom.assess.errors.plausibility import slides, strain_warnings
+from fenicsrom.assess.errors.plausibility import slides, strain_warnings, turns
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, job_error, refuse
 from fenicsrom.notes import STABILITY, Note, NoteKind
 from fenicsrom.online.contact.state import OPEN, SLIP
@@ -213,7 +213,9 @@ def equilibrium_path(
     )
     moved = np.array([point.contact for point in found.points])
     closed = np.array([point.states != OPEN for point in found.points])
-    found.warnings += slides(moved, closed, body.points, scene) if found.points else []
+    if found.points:
+        found.warnings += slides(moved, closed, body.points, scene)
+        found.warnings += turns(body, scene, np.column_stack([*found.shapes.values()]))
     found.seconds = working_time() - begin
     return found
 

@@ -85,14 +85,17 @@ def equilibrium_warnings(found: Deformation | None) -> list[Note]:
     return [] if found is None else strain_warnings([(EQUILIBRIUM, found)])
 
 
-def motion_warnings(solid: Solid, scene: Scene, vectors: Array, motion: Motion) -> list[Note]:
-    """The sentences of `strain_warnings` on the state of a motion with most elastic energy.
+def motion_warnings(
+    solid: Solid, scene: Scene, vectors: Array, motion: Motion, strains: bool = True
+) -> list[Note]:
+    """The sentences of `strain_warnings` and `turns` on the state with most elastic energy.
 
     Args:
         solid: the solid.
         scene: its scene.
         vectors: (local, n) the basis.
         motion: a motion with the coordinates of its last period.
+        strains: whether its strains are judged.
     """
     from fenicsrom.fem.body.stress_points import body_deformation
 
@@ -101,7 +104,10 @@ def motion_warnings(solid: Solid, scene: Scene, vectors: Array, motion: Motion) 
     k = int(np.argmax(energies))
     u = solid.equilibrium + vectors @ motion.coordinates[k]
     where = f"at t = {motion.coordinate_time[k]:.6g} s"
-    return strain_warnings([(where, body_deformation(solid, scene, u))])
+    found = [*turns(solid, scene, u[:, None])]
+    if strains:
+        found += strain_warnings([(where, body_deformation(solid, scene, u))])
+    return found
 
 
 def state_warnings(stresses: Stresses, *, motion_only: bool = False) -> list[Note]:
@@ -289,3 +295,46 @@ def slides(
             "start, so pressure and friction are wrong; such slides need a rigid surface"
         )
         yield Note(NoteKind.WARNING, text, f"contacts[{number}]")
+
+
+TURNED = 0.05
+"""Turn of contact facets, rad, from which the user is warned: forces have so wrong directions."""
+
+
+def turns(solid: Solid, scene: Scene, fields: Array) -> Iterator[Note]:
+    """A sentence on each contact between bodies whose facets turn while its normals do not.
+
+    The turn of a node is that of the lines to its neighbours. Collective.
+
+    Args:
+        solid: the solid.
+        scene: its scene.
+        fields: (local, k) displacements from the undeformed body, m.
+    """
+    from scipy.spatial import cKDTree
+
+    if not scene.geometrically_nonlinear:
+        return
+    d, comm = solid.dimension, solid.comm
+    places = solid.space.tabulate_dof_coordinates()[:, :d]
+    moved = fields.reshape(-1, d, fields.shape[1])
+    for number, contact in enumerate(scene.contacts):
+        if contact.against is None:
+            continue
+        nodes = solid.mesh.nodes(contact.place, solid.space)
+        nodes = nodes[nodes < len(moved)]
+        x, u = (np.concatenate(comm.allgather(part[nodes])) for part in (places, moved))
+        near = cKDTree(x).query(x, range(2, d + 2))[1]
+        if near.max() == len(x):  # fewer nodes than neighbours
+            continue
+        line, change = x[near] - x[:, None], u[near] - u[:, None]
+        length = np.linalg.norm(line, axis=2)[..., None]
+        along = np.einsum("nmd,nmdk->nmk", line / length, change)
+        across = change - (line / length)[..., None] * along[:, :, None]
+        if (turn := float(np.max(np.linalg.norm(across, axis=2) / length))) > TURNED:
+            text = (
+                f"the facets of contacts[{number}] turn by up to {turn:.2g} rad, and their normals "
+                "stay those of the undeformed body: contact forces have directions that are so far "
+                f"off (at most {TURNED:g} is right)"
+            )
+            yield Note(NoteKind.WARNING, text, f"contacts[{number}]")
