@@ -4,13 +4,13 @@ They are the motion of the scene, with [backbone] the decay of the mode from its
 or with [response] a few motions of each curve (`fenicsrom.assess.curves.checks.curve_motions`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 
-from fenicsrom.notes import DISSIPATION, Note, NoteKind
+from fenicsrom.notes import DISSIPATION, PEAK_FORCE, Note, NoteKind
 from fenicsrom.online.contact.points import closed_springs, contacts_of, springs_of, trial_forces
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.model import Problem, ReducedModel
@@ -33,6 +33,9 @@ DECAY = 10.0
 
 LARGER = 1.02
 """A motion is beyond that of the training if it is larger or longer by this factor."""
+
+STIFFER = 2.0
+"""Forces at rest of a contact of twice the stiffness are right to 0.1 %; of a twentieth to 4 %."""
 
 Moves = Callable[[Reduction], Sequence[Motion]]
 """Gives the motions of a reduced model that choose the vectors of the next one."""
@@ -120,7 +123,7 @@ def duration(motion: Motion) -> float:
 
 
 def beyond(trained: Trained | None, scene: Scene, size: float, length: float = 0.0) -> list[Note]:
-    """A note if motions ask more of the interface vectors than the motions that chose them.
+    """Notes if motions ask more of the interface vectors than the motions that chose them.
 
     Args:
         trained: what the motions that chose them hold.
@@ -128,8 +131,11 @@ def beyond(trained: Trained | None, scene: Scene, size: float, length: float = 0
         size: their largest `probe_amplitude`, m.
         length: the duration of one that does not repeat, s.
     """
-    if trained is None or not any(trained.friction + tuple(c.friction for c in scene.contacts)):
+    if trained is None:
         return []
+    notes = [*_other_stiffness(trained)]
+    if not any(trained.friction + tuple(c.friction for c in scene.contacts)):
+        return notes
     found = []
     for k, (load, most) in enumerate(zip(scene.loads, trained.loads, strict=True)):
         if abs(load.size) > LARGER * most:
@@ -149,13 +155,25 @@ def beyond(trained: Trained | None, scene: Scene, size: float, length: float = 0
         was, now = ("not given" if x is None else as_given(scene, key, x) for x in values)
         found.append(f"{key} is {now}, and was {was}")
     if not found:
-        return []
+        return notes
     text = (
         f"this run is beyond the motion that chose the interface vectors: {'; '.join(found)}; run "
         'the scene again without --from, or with basis.masters = "all", for an estimate of the '
         "friction"
     )
-    return [Note(NoteKind.ERROR, text, "basis.masters", quantity=DISSIPATION)]
+    return [*notes, Note(NoteKind.ERROR, text, "basis.masters", quantity=DISSIPATION)]
+
+
+def _other_stiffness(trained: Trained) -> Iterator[Note]:
+    """A note on each contact whose new forces at rest the coordinates may not hold."""
+    for key, was, now in trained.changed:
+        if key.endswith(".normal_stiffness") and max(now / was, was / now) > STIFFER:
+            text = (
+                f"{key} is {now / was:.3g} times that of the run that made the model: the contact "
+                "forces at rest come from its coordinates, and their error is not estimated; run "
+                "the scene again without --from"
+            )
+            yield Note(NoteKind.UNCHECKED, text, key, quantity=PEAK_FORCE)
 
 
 def unsettled(trained: Trained | None, scene: Scene, motion: Motion) -> list[Note]:

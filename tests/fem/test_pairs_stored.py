@@ -14,6 +14,7 @@ from mpi4py import MPI
 import fenicsrom as fr
 from fenicsrom.assess.studies.sweep_runs import _measured
 from fenicsrom.errors import ErrorKind
+from fenicsrom.notes import DISSIPATION, PEAK_FORCE
 from fenicsrom.online.contact.points import contacts_of, trial_forces
 from fenicsrom.online.model.bolts import no_bolts
 from fenicsrom.online.step.statics import together
@@ -89,6 +90,9 @@ def test_changed_joint_has_no_estimate_of_the_friction_of_other_vectors(
     assert "contacts.0.gap is -2e-06, and was not given" in str(note)
     (note,) = beyond(fitted.trained, replace(fitted.scene, units=Units(length="mm")), 0.0)
     assert "contacts.0.gap is -0.002, and was not given" in str(note)
+    softer = replace(stored, trained=TRAINED).with_overrides({"contacts.0.normal_stiffness": 2e12})
+    force, friction = beyond(softer.trained, softer.scene, 0.0)
+    assert (force.quantity, friction.quantity) == (PEAK_FORCE, DISSIPATION)
     back = found.with_overrides(dict.fromkeys(BOLTS, 4000.0))
     assert not beyond(back.trained, back.scene, 0.0)
     moved = back.model.contact_offset - stored.model.contact_offset
