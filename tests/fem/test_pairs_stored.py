@@ -75,7 +75,7 @@ def test_changed_joint_moves_as_a_new_one() -> None:
     spent = wanted.friction_dissipation[-1]
     assert found.friction_dissipation[-1] == pytest.approx(spent, rel=5e-3)
     assert abs(old.friction_dissipation[-1] - spent) > 0.1 * spent
-    row = _measured(replace(before, trained=TRAINED).with_overrides(BOLTS), lambda: False)
+    row = _measured(replace(before, trained=TRAINED).with_overrides(BOLTS))
     assert "bolts.1.force is 3000.0, and was 4000.0" in row["sentence"]  # of a sweep
 
 
