@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from dataclasses import MISSING
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -214,7 +215,10 @@ def build_model(
         reason = "a model with the projected force needs the mesh and cannot be stored"
         raise _projected(scene.source, reason)
     if scene.speeds_rpm is not None:
-        return build_range(scene, mesh, comm or all_ranks())
+        from fenicsrom.study.offline_cache import kept_range
+
+        build = partial(build_range, scene, mesh, comm or all_ranks())
+        return build() if mesh is not None else kept_range(scene, fresh, build)
     return offline(scene, comm, Stopwatch(), mesh, fresh=fresh).stored
 
 

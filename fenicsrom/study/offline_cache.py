@@ -5,7 +5,7 @@ selection, the derivatives, the basis and the reduced models, and one the larger
 the residual of the full equations along the motion. A run that finds them builds no mesh and no
 solid, unless it draws the body or runs the full model. A run that finds the first one only, because
 its loads or its friction select other derivatives, computes no equilibrium and no modes. The
-results are the same to the last digit.
+results are the same to the last digit. The model for a range of speeds is one archive.
 
 Only runs on one rank use the cache: the arrays of several ranks belong to one partition of a mesh.
 
@@ -18,6 +18,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,7 @@ from fenicsrom.study.scene_stages import offline_stages, with_stresses
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid.solid import Solid
+    from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.study.stage import Run
 
 
@@ -249,17 +251,44 @@ def offline_cache(run: Run, fresh: bool) -> OfflineCache | None:
         run: a run up to a reduced model that can be stored; on a mesh of its scene.
         fresh: whether to ignore the results in the cache. The damaged files are written again.
     """
-    folder = store.cache_folder()
-    if folder is None or run.comm.size > 1 or run.mesh is not None:
-        return None
-    try:
-        keys = keys_of(run.study.scene)
-    except OSError:  # the mesh stage says what is wrong with the file
-        return None
-    found = OfflineCache(run, folder, keys) if keys is not None else None
+    place = None if run.comm.size > 1 or run.mesh is not None else _place(run.study.scene)
+    found = None if place is None else OfflineCache(run, *place)
     if found is not None and not fresh:
         found.restore()
     return found
+
+
+def _place(scene: Scene) -> tuple[Path, tuple[str, str, str]] | None:
+    """The folder and the hashes of the archives; None if a scene has none."""
+    folder = store.cache_folder()
+    try:
+        keys = keys_of(scene)
+    except OSError:  # the mesh stage says what is wrong with the file
+        return None
+    return None if folder is None or keys is None else (folder, keys)
+
+
+def kept_range(scene: Scene, fresh: bool, build: Callable[[], StoredModel]) -> StoredModel:
+    """The model for a range of speeds, of an earlier run if the cache has it.
+
+    Args:
+        scene: the scene; the hash of its motion names the archive.
+        fresh: build it also if the cache has it.
+        build: builds it.
+    """
+    from fenicsrom.online.store.archive import model_contents, model_of_contents
+
+    if (place := _place(scene)) is None:
+        return build()
+    folder, key = place[0], place[1][2]
+    take = partial(model_of_contents, Path(scene.source))
+    found = None if fresh else store.read_results(folder, key, WHAT, take)
+    if found is None:
+        found = build()
+        store.write_results(folder, key, WHAT, *model_contents(found))
+    else:
+        log.info("taken from an earlier run: the model for all speeds (--fresh computes it again)")
+    return replace(found, scene=scene, file="")
 
 
 def _modes_contents(run: Run) -> Contents:

@@ -81,7 +81,7 @@ def source_of(
         warnings = [*equilibrium_warnings(given.deformation), *range_warnings(given)]
         return Source(given, warnings, None)
     if given.speeds_rpm is not None:
-        stored = build_model(given, comm=comm)
+        stored = build_model(given, comm=comm, fresh=fresh)
         if folder is not None:
             save_model(folder / MODEL, stored)
         return Source(stored, range_warnings(stored), None)

@@ -50,7 +50,7 @@ def integrate(
         return rerun(given, folder, resume=resume, given=keys)
     if given.speeds_rpm is None or given.cyclic is not None:
         return run(given, comm, folder=folder, resume=resume, fresh=fresh)
-    stored = build_model(given, comm=comm)
+    stored = build_model(given, comm=comm, fresh=fresh)
     save_model(folder / MODEL, stored)
     found = rerun(stored, folder, resume=resume)
     found.files.append(folder / MODEL)

@@ -34,10 +34,12 @@ from fenicsrom.online.model.turning import rest_row
 from fenicsrom.online.motion.measures import amplitude, peak_normal_force, wear_of
 from fenicsrom.online.periodic.shooting import periodic_motion
 from fenicsrom.online.run.simulate import simulate
-from fenicsrom.online.store.archive import StoredModel, load_model, save_model
+from fenicsrom.online.store.archive import StoredModel, load_model, model_contents, save_model
+from fenicsrom.online.store.store import VARIABLE
 from fenicsrom.reduction import joined
 from fenicsrom.reduction.basis import ReducedBasis, project
 from fenicsrom.scene import Damping, Scene, read_scene
+from fenicsrom.study import execution
 
 pytestmark = pytest.mark.slow
 
@@ -70,6 +72,28 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> tuple[StoredModel, Path]:
 def unjudged(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bodies count as too large for finer elements, which cost most of a model."""
     monkeypatch.setattr(finer, "LARGEST", 0)
+
+
+def test_model_for_all_speeds_comes_from_the_cache_bit_for_bit(
+    tiny: tuple[StoredModel, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cache holds the model of a scene; --fresh and another damping build it again."""
+    built = []
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    monkeypatch.setattr(execution, "build_range", lambda *_: built.append(1) or tiny[0])
+    scene = blade(*TINY)
+    first, second = fenicsrom.build_model(scene), fenicsrom.build_model(scene)
+    assert len(built) == 1
+    assert second.scene is scene and second.file == ""
+    (_, ours), (_, theirs) = model_contents(first), model_contents(second)
+    assert ours.keys() == theirs.keys()
+    for name, array in ours.items():
+        np.testing.assert_array_equal(theirs[name], array, err_msg=name)
+    motions = first.simulate(), second.simulate()
+    np.testing.assert_array_equal(motions[1].displacement, motions[0].displacement)
+    fenicsrom.build_model(scene, fresh=True)
+    fenicsrom.build_model(blade(*TINY, "material.mass_damping=1.0"))
+    assert len(built) == 3
 
 
 LENGTH = 2.54  # m
