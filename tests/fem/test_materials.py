@@ -360,7 +360,7 @@ def test_turned_body_has_the_frequencies_of_the_turned_material(tmp_path: Path) 
     ("materials", "kind", "key"),
     [
         ([{"group": "both"}, {"group": "right"}], ErrorKind.CONFLICT, "materials[1].group"),
-        ([{"group": "middle"}], ErrorKind.PLACE, ""),
+        ([{"group": "middle"}], ErrorKind.PLACE, "materials[0].group"),
     ],
     ids=["overlap", "unknown"],
 )
