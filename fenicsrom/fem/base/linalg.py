@@ -1,9 +1,13 @@
 """Factorisations and eigenmodes by PETSc and SLEPc, on arrays of the unknowns of this rank."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import scipy.linalg
 from petsc4py import PETSc
 from scipy.sparse import csr_array
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 from slepc4py import SLEPc
 
 from fenicsrom.arrays import Array
@@ -334,9 +338,60 @@ def eigenmodes(
         modes[:, k] = mode.array
     eps.destroy()
     mode.destroy()
-    order = np.argsort(squares)
+    return checked_modes(mass, inverse, squares, modes)
+
+
+def hermitian_eigenmodes(mass: PETSc.Mat, inverse: Inverse, count: int) -> tuple[Array, Array]:
+    """As `eigenmodes`, of Hermitian matrices on one rank, by Lanczos' method in complex numbers.
+
+    Real and imaginary parts of complex numbers follow each other in the real matrices, in which
+    each mode comes twice. So half as many vectors are sought.
+
+    Args:
+        mass: M.
+        inverse: applies K^-1.
+        count: number of modes; of an odd number, the last one comes once.
+
+    Raises:
+        ConvergenceError, AccuracyError: as `eigenmodes`.
+    """
+
+    def as_complex(times: Callable[[Array], Array]) -> LinearOperator:
+        def matvec(z: Any) -> Any:
+            return times(np.ascontiguousarray(z).view(float)).view(complex)
+
+        return LinearOperator((size, size), matvec=matvec, dtype=complex)
+
+    def as_real(z: Any) -> Array:
+        return np.stack([z.real, z.imag], axis=1).reshape(2 * size, -1)
+
+    size, pairs = mass.getSize()[0] // 2, (count + 1) // 2
+    inertia = as_complex(lambda x: multiply(mass, x))
+    solve = as_complex(lambda x: inverse.solve(x[:, None])[:, 0])
+    start = solve(inertia(1.0 + 0.5 * np.sin(1.0 + np.arange(size, dtype=float)) + 0.0j))
+    try:
+        squares, z = eigsh(
+            *(solve, pairs, inertia, 0.0),
+            v0=start,
+            ncv=min(2 * pairs + SPARE_VECTORS // 2, size),
+            tol=EIGEN_TOLERANCE,
+            OPinv=solve,
+        )
+    except ArpackError as error:
+        raise ConvergenceError(f"the modes were not found: {error}") from None
+    squares, modes = checked_modes(mass, inverse, squares, as_real(z))
+    turned = as_real(1j * (modes[::2] + 1j * modes[1::2]))
+    both = np.stack([modes, turned], axis=2).reshape(2 * size, -1)
+    return np.repeat(squares, 2)[:count], both[:, :count]
+
+
+def checked_modes(
+    mass: PETSc.Mat, inverse: Inverse, squares: Array, modes: Array
+) -> tuple[Array, Array]:
+    """Modes in ascending order and mass-normalised; arguments and errors as `eigenmodes`."""
+    order = np.argsort(squares, kind="stable")
     squares, modes = squares[order], modes[:, order]
-    comm = stiffness.comm.tompi4py()
+    comm = mass.comm.tompi4py()
     inertia = multiply(mass, modes)
     norms = np.sqrt(comm.allreduce(np.sum(modes * inertia, axis=0)))
     modes, inertia = modes / norms, inertia / norms

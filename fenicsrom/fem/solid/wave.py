@@ -31,7 +31,13 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.fem.base.linalg import Factorisation, FreeFactorisation, eigenmodes, multiply
+from fenicsrom.fem.base.linalg import (
+    Factorisation,
+    FreeFactorisation,
+    eigenmodes,
+    hermitian_eigenmodes,
+    multiply,
+)
 from fenicsrom.fem.body.cyclic import Complex, paired, wave_matrix
 from fenicsrom.fem.body.elasticity import Joint
 from fenicsrom.fem.body.free_bodies import mass_orthonormal
@@ -92,9 +98,11 @@ class Wave:
     def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
         """The `count` lowest ω² (count,) and mass-normalised modes (own, count)."""
         asked = count if self._drifts else count - self.rigid.shape[1]
-        squares, modes = eigenmodes(
-            self._stiffness, self._mass, inverse, max(asked, 0), "fenicsrom_wave_modes"
-        )
+        if self.double and self._mass.comm.size == 1 and 0 < asked < self.free // 4:
+            squares, modes = hermitian_eigenmodes(self._mass, inverse, asked)
+        else:
+            of = self._stiffness, self._mass, inverse, max(asked, 0)
+            squares, modes = eigenmodes(*of, "fenicsrom_wave_modes")
         common = self.mass_inner(self.rigid, modes)
         elastic = np.sum(common**2, axis=0) < 0.5
         modes = (modes - self.rigid @ common)[:, elastic]
