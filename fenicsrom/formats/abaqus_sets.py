@@ -14,6 +14,7 @@ from fenicsrom.formats.cells import faces
 from fenicsrom.formats.collector import included, numbers_between, read_lines
 from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile
 from fenicsrom.formats.shapes import from_vtk
+from fenicsrom.notes import Note, NoteKind
 
 
 @dataclass(frozen=True)
@@ -442,7 +443,8 @@ def _names(placements: Placements, keyword: str, notes: list[str]) -> list[tuple
         shown = name
         if instance and sum(other.upper() == name.upper() for _, other in every) > 1:
             shown = f"{instance}.{name}"
-            notes.append(f"the {keyword} {name} of {instance} has the group name {shown}")
+            text = f"the {keyword} {name} of {instance} has the group name {shown}"
+            notes.append(Note(NoteKind.REMARK, text))
         found.append((instance, name, shown))
     return found
 

@@ -10,6 +10,7 @@ import pytest
 
 from fenicsrom import formats
 from fenicsrom.formats.mesh_file import DeckLoad, DeckMaterial, Physics
+from fenicsrom.notes import note_of
 
 PLACES = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 
@@ -357,6 +358,8 @@ def test_supports_of_one_name_in_two_instances_stay_apart(tmp_path: Path) -> Non
     supports = "*END ASSEMBLY\n*BOUNDARY\nA.low, 1\nB.low, 2\n"
     found, groups = physics(tmp_path / "a.inp", text + supports)
     assert held(found, groups) == {(0, 3): (0,), (8, 11): (1,)}
+    notes = formats.read(tmp_path / "a.inp").notes
+    assert notes and not any(note_of(note).kind.doubts for note in notes)  # the names of the sets
 
 
 def test_first_step_may_replace_the_supports(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from fenicsrom.fem.mesh.gmsh_cad import mesh_cad, model_nodes
 from fenicsrom.formats import Block, MeshFile
 from fenicsrom.formats.mesh_file import Ints, Physics
 from fenicsrom.formats.shapes import SHAPES
+from fenicsrom.notes import note_of
 from fenicsrom.scene import Geometry
 from fenicsrom.scene.base.rules import Where
 
@@ -297,7 +298,7 @@ def add_mesh(gmsh: Any, source: str, file: MeshFile) -> Loaded:
     # one call per name, because gmsh leaves a second group of this name unnamed
     for (d, name), members in entities.items():
         gmsh.model.addPhysicalGroup(d, members, name=name)
-    warnings = [f"{source}: {note}" for note in file.notes]
+    warnings: list[str] = [note_of(note).saying(f"{source}: {note}") for note in file.notes]
     if file.not_read:
         warnings.append(f"{source}: not read: {', '.join(file.not_read)}")
     sets = {name: nodes + 1 for name, nodes in file.node_groups.items()}
