@@ -410,6 +410,7 @@ def test_comparison_without_acting_load_has_no_indicator():
     assert outcome.indicator is None and outcome.residual is None
 
 
+@pytest.mark.slow
 def test_sizes_of_the_new_selection_are_an_axis_of_the_comparison(cache):
     pytest.importorskip("dolfinx")
     from mpi4py import MPI

@@ -6,7 +6,6 @@ point at 300 m from the axis, so that curvature and the lobe's argument do not m
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -353,14 +352,11 @@ def test_stopped_map_continues(tmp_path: Path) -> None:
     assert {"map.csv", "map.json", "map.h5", "report.html"} <= names
 
 
-@pytest.mark.parametrize("damage", [lambda x: x[:-30]])
-def test_map_computes_a_speed_again_whose_file_is_damaged(
-    tmp_path: Path, damage: Callable[[bytes], bytes]
-) -> None:
+def test_map_computes_a_speed_again_whose_file_is_damaged(tmp_path: Path) -> None:
     stored, few = two_modes("output.pictures=false"), ("map.revolutions=10",)
     whole = mapped(stored, "[2000, 2100]", *few, folder=tmp_path)
     file = max((tmp_path / LINES).glob("*.npz"), key=lambda file: file.stat().st_mtime_ns)
-    file.write_bytes(damage(file.read_bytes()))
+    file.write_bytes(file.read_bytes()[:-30])
     again = mapped(stored, "[2000, 2100]", *few, folder=tmp_path, resume=True)
     np.testing.assert_array_equal(again.amplitudes, whole.amplitudes)
     np.testing.assert_array_equal(again.lines[1].errors, whole.lines[1].errors)

@@ -230,6 +230,7 @@ def test_motion_of_all_coordinates_is_found_once_and_starts_the_larger_run(
     assert found.motion.periods == alone.periods and distances(found.motion, alone).largest < 1e-9
 
 
+@pytest.mark.slow
 def test_curves_take_the_coordinates_that_their_worst_points_lack() -> None:
     sweep = {"parameter": "frequency", "first": 4.8, "last": 5.2, "points": 40}
     stored = stored_with(response=sweep)

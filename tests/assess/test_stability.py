@@ -63,6 +63,7 @@ def test_fifty_steps_per_period_are_within_two_percent(name: str) -> None:
     assert np.linalg.norm(found[0] - found[1]) < 0.02 * np.linalg.norm(found[1])
 
 
+@pytest.mark.slow
 def test_forty_modes_agree_with_five() -> None:
     """The residual flexibility of forty modes is almost zero, so its condition grows; the condition
     of the basis does not."""

@@ -211,6 +211,7 @@ def test_pair_of_an_archive_that_never_parts_is_named(tmp_path: Path) -> None:
     assert any("no separation" in what for what in found.not_taken) and found.joints
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("joints", "gives"),
     [

@@ -140,6 +140,7 @@ def test_static_pressure_is_part_of_equilibrium_and_stiffness(solid: Any) -> Non
     )
 
 
+@pytest.mark.slow
 def test_known_equilibrium_gives_the_same_matrices(solid: Any) -> None:
     known = KnownEquilibrium(solid.equilibrium, solid.unstable)
     other, keep = solid_of(scene_of(solid), solid.mesh, known), free_unknowns(solid)

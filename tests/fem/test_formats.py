@@ -644,6 +644,7 @@ def clamped(solid: Any) -> set[tuple[float, ...]]:
     return {tuple(point) for point in x[np.unique(solid.clamped // 3)]}
 
 
+@pytest.mark.slow
 def test_places_and_supports_by_pick_match_those_by_group(tmp_path: Path) -> None:
     sets = {"root": [0, 1, 2, 3], "line": [8, 9], "points": [8, 11], "l": [0, 1]}
     path = cube(

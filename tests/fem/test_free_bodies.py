@@ -171,6 +171,7 @@ def test_force_on_the_end_of_a_free_bar_moves_it_as_the_closed_form() -> None:
     assert fenicsrom.amplitudes(motion)["normal"] == pytest.approx(abs(exact), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_backbone_of_a_free_beam_is_its_first_mode() -> None:
     """The first elastic mode is number 1: f of the closed form at any amplitude, ζ = α/2ω."""
     tables = {"loads": [FORCE], "backbone": {"first": 1e-4, "last": 1e-3}}

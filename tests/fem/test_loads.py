@@ -82,6 +82,7 @@ def slanted(d: int) -> Array:
 # ------------------------------------------------------------------ resultants
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", ["tip", "load", "root"])
 def test_resultant_of_traction_is_traction_times_area(stocky: Any, group: str) -> None:
     d = stocky.dimension
@@ -300,6 +301,7 @@ def struck(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
     return folder, found
 
 
+@pytest.mark.slow
 def test_stored_model_keeps_the_table_of_its_load(struck: tuple[Path, Any]) -> None:
     from fenicsrom.online.store.archive import load_model
 

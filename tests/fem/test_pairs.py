@@ -485,6 +485,7 @@ COARSE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [{}, {"friction": 0.0}, {"friction": 0.0, "soft": 1e-7}])
 def test_stuck_modes_of_a_joint_without_friction_are_in_doubt(change: dict[str, float]) -> None:
     soft = change.pop("soft", 1.0) * PAIR["normal_stiffness"]

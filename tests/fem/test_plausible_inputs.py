@@ -30,6 +30,7 @@ def test_steel_beam_is_plausible() -> None:
     assert sentences() == [] and sentences(dimension=3) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("young", "density", "cause"),
     [
@@ -64,6 +65,7 @@ def test_body_of_hundreds_of_metres_may_be_in_millimetres(length: float, is_warn
     assert [text for text in found if "mm" in text] == found and bool(found) == is_warned
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("place", "normal", "is_warned"),
     [

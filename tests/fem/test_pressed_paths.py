@@ -81,6 +81,7 @@ def test_path_under_a_follower_pressure_is_that_of_load_control() -> None:
         np.testing.assert_allclose(point.displacement, solid.equilibrium, atol=1e-8 * size)
 
 
+@pytest.mark.slow
 def test_pressure_without_a_potential_is_told() -> None:
     """Beck's column has no other equilibrium than the straight one, up to any load."""
     euler = np.pi**2 * STEEL["young"] * 0.0254**4 / 12.0 / (4.0 * 2.54**2)

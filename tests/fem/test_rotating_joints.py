@@ -118,6 +118,7 @@ def test_flanks_of_a_blade_root_carry_its_centrifugal_force(tmp_path: Path) -> N
     assert up == pytest.approx(displaced[on_blade].sum(), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_diagram_of_a_blade_in_its_slot_holds_the_modes_at_each_speed(tmp_path: Path) -> None:
     speeds = [2000.0, 10_000.0]
     mesh = dovetail(tmp_path / "blade.vtu")

@@ -261,6 +261,7 @@ def test_equilibrium_at_speed_balances_and_is_independent_of_the_path(dimension:
     np.testing.assert_allclose(u, solid.static(1.2 * solid.static_load), rtol=0, atol=1e-8 * scale)
 
 
+@pytest.mark.slow
 def test_geometrically_linear_scene_vibrates_about_same_equilibrium() -> None:
     nonlinear, linear = (
         make_solid(rotating_scene(3, f"geometrically_nonlinear={word}", loads=PUSH))
@@ -518,6 +519,7 @@ def world() -> Any:
     return MPI.COMM_WORLD
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coriolis", [False, True])
 def test_beam_inside_its_axis_becomes_unstable(coriolis: bool) -> None:
     """The axis lies beyond the tip: a straight beam stays straight, but unstable."""

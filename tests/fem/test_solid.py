@@ -54,6 +54,7 @@ def affine(solid: Any, gradient: Array) -> Array:
 # ------------------------------------------------------------------ forms
 
 
+@pytest.mark.slow
 def test_force_is_the_derivative_of_the_energy(tiny: Any) -> None:
     assert_force_of_energy(tiny)
 

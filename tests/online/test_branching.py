@@ -97,6 +97,7 @@ def doubled() -> tuple[Family, CurvePoint, Curve]:
     return (family, point, found[0].run(found[1], None, points=60, largest_step=0.03))
 
 
+@pytest.mark.slow
 def test_period_doubling_is_located_where_a_multiplier_is_minus_one(doubled: Any) -> None:
     """Reference: two period doublings of Duffing and Holmes | literature | F from 0.20 to 0.28, to
     0.29 | inside | the intervals

@@ -203,6 +203,7 @@ def path(phi: Any) -> Any:
     return 10e-6 + 40e-6 * np.cos(2.0 * phi)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cells", [360, 720, 1000])
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_rigid_blade_wears_two_lobes_as_the_closed_form(cells: int, way: float) -> None:

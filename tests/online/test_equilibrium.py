@@ -124,13 +124,10 @@ def test_unstable_structure_held_by_contact_springs_is_stable() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("ratio", [0.99])
-def test_beam_below_buckling_load_stays_straight(
-    models: dict[str, Any], name: str, ratio: float
-) -> None:
-    _, buckled, x = press(models[name], ratio * CRITICAL)
+def test_beam_below_buckling_load_stays_straight(models: dict[str, Any], name: str) -> None:
+    _, buckled, x = press(models[name], 0.99 * CRITICAL)
     assert buckled == 0
-    shortening = ratio * CRITICAL / (AXIAL / LENGTH + CONTACT)
+    shortening = 0.99 * CRITICAL / (AXIAL / LENGTH + CONTACT)
     np.testing.assert_allclose(x, [-shortening, 0.0], atol=1e-3 * shortening)
 
 
@@ -187,6 +184,7 @@ def test_buckling_load_matches_euler(models: dict[str, Any], name: str) -> None:
     assert found / CRITICAL == pytest.approx(1.0, abs=3e-3)
 
 
+@pytest.mark.slow
 def test_basis_about_straight_state_spans_buckled_state(models: dict[str, Any]) -> None:
     for ratio in (1.01, 1.1, 2.0):
         x, exact = (press(models[name], ratio * CRITICAL)[2] for name in ("reduced", "full"))

@@ -94,6 +94,7 @@ def test_imported_superelement_rubs_as_the_beam_of_the_program_does(beam: Stored
     assert set(np.unique(theirs.state)) == {-1, 0, 1}  # the tip is open, slips and sticks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["dmig", "op4", "mat"])
 def test_exported_and_imported_model_gives_the_same_motion(
     beam: StoredModel, form: str, tmp_path: Path

@@ -207,6 +207,7 @@ def test_tolerance_of_zero_or_not_met_runs_all_periods() -> None:
         assert not motion.steady and motion.periods == 4 and motion.steps == 80
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
 def test_steady_state_with_adaptive_step_is_detected(tolerance: float) -> None:
     """The steps differ from period to period."""

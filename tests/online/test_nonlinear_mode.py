@@ -86,6 +86,7 @@ def backbone(steps: int, scheme: str, damping: float) -> tuple[Array, Array]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scheme", ["discrete-gradient", pytest.param("average-acceleration", marks=pytest.mark.slow)]
 )

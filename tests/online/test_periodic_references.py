@@ -84,6 +84,7 @@ def measured(orbit: Orbit, steps: int, name: str) -> tuple[NDArray[np.complex128
     return np.concatenate([two, sizes]), motion.z[:2], motion.verdict
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCHEMES)
 @pytest.mark.parametrize("key", ORBITS)
 def test_duffing_orbit_converges_to_reference_with_second_order(key: str, name: str) -> None:

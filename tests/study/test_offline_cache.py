@@ -143,6 +143,7 @@ def whole() -> Scene:
     return replace(scene, attachments=other.attachments)  # not allowed with a rotation
 
 
+@pytest.mark.slow
 def test_backbone_decides_only_derivatives_along_the_motion(whole: Scene) -> None:
     for derivatives, matter in (("principal", True), ("mmi-nls", False)):
         scene = replace(whole, basis=replace(whole.basis, derivatives=derivatives))

@@ -72,11 +72,10 @@ def test_refused_change_of_a_stored_model_is_named_with_its_table(override: str)
         stored("basis.modes=1").with_overrides([override, "material.mass_damping=3.0"])
 
 
-@pytest.mark.parametrize("key", ["output.motion"])
-def test_key_without_effect_on_stored_model_is_named_if_given(tmp_path: Path, key: str) -> None:
-    model, table = stored(f"{key}=true"), key.partition(".")[0]
-    for given, count in (((key,), 1), ((table,), 1), ((), 0), (("output.pictures",), 0)):
-        named = [text for text in warnings_of(model, tmp_path, given) if key in text]
+def test_key_without_effect_on_stored_model_is_named_if_given(tmp_path: Path) -> None:
+    model = stored("output.motion=true")
+    for given, count in (("output.motion", 1), ("output", 1), ("title", 0), ("output.pictures", 0)):
+        named = [text for text in warnings_of(model, tmp_path, (given,)) if "output.motion" in text]
         assert len(named) == count
 
 

@@ -218,13 +218,12 @@ def test_workers_give_rows_of_one_process(workers: str, model: Path, tmp_path: P
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("address", ["nowhere"])
 def test_scheduler_that_does_not_answer_is_refused(
-    model: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], address: str
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr(starting, "PATIENCE", 0.3)
-    with refusal(ErrorKind.FILE, "--scheduler"), starting.workers(Namespace(scheduler=address)):
+    with refusal(ErrorKind.FILE, "--scheduler"), starting.workers(Namespace(scheduler="nowhere")):
         pass
     assert capfd.readouterr() == ("", "")
 
