@@ -46,6 +46,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, SceneError
+from fenicsrom.online.kernels.dense import orthonormal
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.subspace import nested_model
 from fenicsrom.reduction import stages
@@ -181,11 +182,7 @@ def _moved_by_inertia(
     """
     found = modes.inverse.solve(structure.mass_times(deflections))
     gram = structure.inner(found, structure.held_times(found))
-    sizes = np.sqrt(np.abs(np.diag(gram)))
-    sizes[sizes == 0.0] = 1.0
-    values, axes = np.linalg.eigh(gram / np.outer(sizes, sizes))
-    kept = values > INDEPENDENT**2
-    found = found @ (axes[:, kept] / np.sqrt(values[kept]) / sizes[:, None])
+    found = orthonormal(found, gram, INDEPENDENT**2)
     moved, independent = combinations(structure, modes, basis, found)
     return moved[:, independent > INDEPENDENT**2]
 

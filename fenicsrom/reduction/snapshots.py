@@ -27,6 +27,7 @@ from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.loads import OMEGA
 from fenicsrom.online.model.model import Problem, ReducedModel
+from fenicsrom.online.model.pencil import roots
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.shooting import frequency_family
 from fenicsrom.online.run.march import integrate
@@ -320,13 +321,7 @@ def fastest_growth(model: ReducedModel) -> tuple[float, float]:
     The rates are the real parts of λ in (λ² M + λ (α M + D) + K) φ = 0, with the static follower
     pressures in K.
     """
-    n = model.size
-    blocks = [model.rest_stiffness(), model.damping * model.mass]
-    if model.velocity_matrix.size:
-        blocks[1] = blocks[1] + model.velocity_matrix
-    matrix = np.eye(2 * n, k=n)
-    matrix[n:] = -np.linalg.solve(model.mass, np.concatenate(blocks, axis=1))
-    found = np.linalg.eigvals(matrix)
+    found = roots(model.mass, model.damping_matrix(), model.rest_stiffness())
     largest = found[np.argmax(found.real)]
     return float(largest.real), float(abs(largest.imag)) / (2.0 * np.pi)
 

@@ -73,15 +73,14 @@ def response(
     check_response(scene)
     if resume is not None:
         check_folder(resume)
-    watch = Stopwatch()
     if scene.cyclic is not None:
-        return _waves(given, comm, watch, folder, resume, workers)
+        return _waves(given, comm, folder, resume, workers)
     given = cast("Scene | StoredModel", given)
-    source = source_of(given, comm, watch, folder, fresh)
+    source = source_of(given, comm, folder, fresh)
     table = response_table(source.stored.scene)
     if table.parameter == "rotation.speed_rpm":
         source = replace(source, stored=source.stored.over_speeds(table.low, table.high))
-    found, source = _curves(source, watch, folder, resume, workers)
+    found, source = _curves(source, folder, resume, workers)
     ends = (table.low, table.high) if table.parameter == "rotation.speed_rpm" else ()
     found.mesh_check = of_model(source.stored, *ends)
     found.warnings[:0] = _first_warnings(source, found)
@@ -97,7 +96,7 @@ def response(
 
         assert source.study is not None and source.study.basis is not None
         vectors = source.study.basis.vectors
-        with watch("full model"):
+        with Stopwatch()("full model"):
             add_full_points(found, source.stored, source.study.solid, vectors)
     if folder is not None and found.curves:
         found.files = write(found, source.stored, folder, source.study)
@@ -107,7 +106,6 @@ def response(
 def _waves(
     given: Any,
     comm: Any,
-    watch: Stopwatch,
     folder: Path | None,
     resume: Path | None,
     workers: Workers,
@@ -122,13 +120,13 @@ def _waves(
     from fenicsrom.post.base.origin import MODEL
     from fenicsrom.post.curves.response_report import write
 
-    disk = build_disk(given, comm=comm, watch=watch) if isinstance(given, Scene) else given
+    disk = build_disk(given, comm=comm) if isinstance(given, Scene) else given
     comm = (comm or all_ranks()) if isinstance(given, Scene) else None
     first = folder if comm is None or comm.rank == 0 else None
     if first is not None and disk is not given:
         save_model(first / MODEL, disk)
     larger = RicherModel(replace(disk, sector=disk.larger), np.zeros((0, 0)))
-    with watch("response curves"):
+    with Stopwatch()("response curves"):
         found = curves.response(
             disk,
             state=None if first is None else first / STATE,
@@ -163,7 +161,6 @@ def _first_warnings(source: Source, found: CurveRecord) -> list[Note]:
 
 def _curves(
     source: Source,
-    watch: Stopwatch,
     folder: Path | None,
     resume: Path | None,
     workers: Workers,
@@ -184,7 +181,7 @@ def _curves(
     elif source.stored.scene.basis.size is not None:
         source = _sized(source, folder)
     elif resume is None and can_grow(source.stored, spare):
-        with watch("size of the model"):
+        with Stopwatch()("size of the model"):
             larger = model_before_curves(source.stored, spare, workers, source.comm)
         source = source if larger is None else _with_more(source, larger, folder)
 
@@ -192,7 +189,7 @@ def _curves(
         """The curves of a model."""
         if state is not None:
             write_text(state / COORDINATES, json.dumps(stored.labels))
-        with watch("response curves"):
+        with Stopwatch()("response curves"):
             return curves.response(
                 stored,
                 state=state,
@@ -291,9 +288,8 @@ def backbone(
     from fenicsrom.assess.curves import backbone as modes
 
     modes.check_backbone(scene_of(given))
-    watch = Stopwatch()
-    source = _sized(source_of(given, comm, watch, folder, fresh), folder)
-    with watch("nonlinear mode"):
+    source = _sized(source_of(given, comm, folder, fresh), folder)
+    with Stopwatch()("nonlinear mode"):
         found = modes.backbone(source.stored)
     if found.labels != source.stored.labels:
         source = source.with_model(source.stored.resized(found.labels), folder)
@@ -316,7 +312,7 @@ def ringdown(
     from fenicsrom.assess.studies import ringdown as decays
 
     decays.check_ringdown(scene_of(given))
-    source = _sized(source_of(given, comm, Stopwatch(), folder, fresh), folder, grow=True)
+    source = _sized(source_of(given, comm, folder, fresh), folder, grow=True)
     kept = None if folder is None or not source.first else folder / "ringdown_decays"
     found = decays.ringdown(source.stored, kept, resume=resume)
     return written(_judged(found, source), folder if found.periods else None, source.comm)
@@ -360,7 +356,7 @@ def interaction_map(
 
     interaction.map_speeds(scene_of(given))
     with TemporaryDirectory() if folder is None else nullcontext(folder) as place:
-        source = source_of(given, comm, Stopwatch(), folder, fresh)
+        source = source_of(given, comm, folder, fresh)
         model = Path(place) / f"{'' if source.stored is not given else 'stored_'}{MODEL}"
         save_model(model, source.stored)
         found = interaction.interaction_map(

@@ -10,12 +10,12 @@ from fenicsrom.notes import Note
 from fenicsrom.scene import Scene
 from fenicsrom.study.building import resize
 from fenicsrom.study.execution import build_model, offline
+from fenicsrom.study.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.online.store.disk import StoredDisk
     from fenicsrom.records import Study
-    from fenicsrom.study.stopwatch import Stopwatch
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,6 @@ class Source:
 def source_of(
     given: Scene | StoredModel,
     comm: Any,
-    watch: Stopwatch,
     folder: Path | None,
     fresh: bool,
 ) -> Source:
@@ -85,7 +84,7 @@ def source_of(
         if folder is not None:
             save_model(folder / MODEL, stored)
         return Source(stored, range_warnings(stored), None)
-    built = offline(given, comm, watch, fresh=fresh)
+    built = offline(given, comm, Stopwatch(), fresh=fresh)
     found = Source(built.stored, built.warnings, built)
     if folder is not None and found.first:
         save_model(folder / MODEL, found.stored)

@@ -42,7 +42,6 @@ from fenicsrom.post.base.tables import write_figure
 from fenicsrom.scene import Scene
 from fenicsrom.scene.reading.reading import refined
 from fenicsrom.study.source import source_of
-from fenicsrom.study.stopwatch import Stopwatch
 
 CAUSES = ("time step", "basis", "mesh")
 LONGEST = 12.0  # CPU seconds of a reference; a longer one counts as missing
@@ -128,7 +127,7 @@ def examine(scene: Scene, finer: Callable[[], Scene]) -> dict[str, Any]:
 
 def on_mesh(scene: Scene) -> Any:
     """The motion of a scene whose reduced model has the size that it chooses."""
-    stored = source_of(scene, None, Stopwatch(), None, fresh=False).stored
+    stored = source_of(scene, None, None, fresh=False).stored
     motion = simulate(stored.model, stored.scene, keep_coordinates=True)
     found = fitted(stored, motion, [])
     return motion if found is None else found.motion

@@ -41,6 +41,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.fem.base.linalg import Factorisation, multiply, negative_eigenvalues
 from fenicsrom.notes import Note, NoteKind
+from fenicsrom.online.kernels.dense import orthonormal
 from fenicsrom.online.model.pencil import growing
 from fenicsrom.online.step.statics import Correction, downhill, newton, small_against_load
 from fenicsrom.reduction import basis
@@ -360,10 +361,7 @@ def _coupled_squares(body: Any, modes: Array) -> NDArray[np.complex128]:
         return np.asarray(symmetric - body.pressures.tangent_times(at, block, sizes))
 
     found = np.concatenate([modes, body.factor.solve(skew_times(modes))], axis=1)
-    found /= np.maximum(np.sqrt(np.diag(body.mass_inner(found, found))), np.finfo(float).tiny)
-    values, axes = np.linalg.eigh(body.mass_inner(found, found))
-    kept = values > DEPENDENT
-    vectors = found @ (axes[:, kept] / np.sqrt(values[kept]))
+    vectors = orthonormal(found, body.mass_inner(found, found), DEPENDENT)
     stiffness = body.inner(vectors, body.held_times(vectors))
     squares = np.linalg.eigvals(stiffness + body.inner(vectors, skew_times(vectors)))
     return np.asarray(squares[np.argsort(np.abs(squares))], dtype=np.complex128)

@@ -31,13 +31,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.base.linalg import Factorisation
 from fenicsrom.fem.body.elasticity import ElasticBody
-from fenicsrom.online.kernels.dense import negative_eigenvalues
+from fenicsrom.online.kernels.dense import negative_eigenvalues, orthonormal
 from fenicsrom.online.step import statics
 
 CONTRACTION = 0.5
@@ -383,7 +382,4 @@ def _basis(body: Any, load: Array) -> Array:
 def _orthonormal(body: Any, vectors: Array) -> Array:
     """Vectors with the span of others (local, k), orthonormal in the energy norm at rest."""
     products = body.inner(vectors, body.stiffness_times(vectors))
-    scale = 1.0 / np.sqrt(np.diag(products))
-    values, directions = scipy.linalg.eigh(products * np.outer(scale, scale))
-    kept = values > INDEPENDENCE
-    return np.asarray(vectors @ (scale[:, None] * directions[:, kept] / np.sqrt(values[kept])))
+    return orthonormal(vectors, products, INDEPENDENCE)

@@ -31,6 +31,7 @@ from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.online.kernels.numbers import STEP
 from fenicsrom.online.model.loads import AMPLITUDE, OMEGA
 from fenicsrom.online.model.model import Problem, ReducedModel
+from fenicsrom.online.model.pencil import state_matrix
 from fenicsrom.online.periodic.shooting import Shooting
 from fenicsrom.online.step.statics import equilibrium
 
@@ -83,13 +84,7 @@ def linear_modes(problem: Problem) -> list[LinearMode]:
     q, _ = equilibrium(problem)
     x = model.contact_displacement(q).reshape(-1, d).copy()
     stiffness = _tangent(model, q) + _contact_stiffness(problem, x)
-    mass = np.linalg.inv(model.mass)
-    state = np.zeros((2 * n, 2 * n))
-    state[:n, n:] = np.eye(n)
-    state[n:, :n] = -mass @ stiffness
-    if model.velocity_forces:
-        state[n:, n:] = -mass @ model.velocity_matrix
-    values, vectors = np.linalg.eig(state)
+    values, vectors = np.linalg.eig(state_matrix(model.mass, model.velocity_matrix, stiffness))
     found: list[LinearMode] = []
     for k in np.argsort(values.imag):
         value, shape = complex(values[k]), vectors[:n, k]

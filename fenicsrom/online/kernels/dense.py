@@ -38,6 +38,21 @@ def scaled_condition(matrix: Array) -> float:
     return float(np.linalg.cond(scaled(matrix))) if matrix.size else 1.0
 
 
+def orthonormal(vectors: Array, gram: Array, least: float) -> Array:
+    """Combinations (local, k) of vectors (local, m) that are orthonormal in an inner product.
+
+    Args:
+        vectors: the vectors.
+        gram: (m, m) their inner products.
+        least: smaller eigenvalues of the inner products of unit vectors are rounding.
+    """
+    size = np.sqrt(np.abs(np.diag(gram)))
+    size[size == 0.0] = 1.0
+    values, axes = np.linalg.eigh(gram / np.outer(size, size))
+    kept = values > least
+    return np.asarray(vectors @ (axes[:, kept] / np.sqrt(values[kept]) / size[:, None]))
+
+
 MANY_ROWS = 8  # of a matrix whose product combines its columns
 
 

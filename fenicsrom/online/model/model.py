@@ -287,6 +287,11 @@ class ReducedModel(NamedTuple):
             found -= factors[number] * unit_tangent(self.pressure, k, np.zeros(self.size))
         return found
 
+    def damping_matrix(self) -> Array:
+        """The matrix alpha M + D (n, n), kg/s."""
+        found = self.damping * self.mass
+        return found + self.velocity_matrix if self.velocity_forces else found
+
     def set_at_rest(self) -> None:
         """Let only the static follower pressures act in the operations that follow."""
         factors = static_factors(self.load_histories)

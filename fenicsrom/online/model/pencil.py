@@ -30,11 +30,15 @@ def roots(mass: Array, velocity: Array, stiffness: Array) -> NDArray[np.complex1
         velocity: (n, n) D; (0, 0) without such forces.
         stiffness: (n, n) K.
     """
+    return np.asarray(np.linalg.eigvals(state_matrix(mass, velocity, stiffness)), np.complex128)
+
+
+def state_matrix(mass: Array, velocity: Array, stiffness: Array) -> Array:
+    """The matrix (2 n, 2 n) of d/dt (q, q̇), whose eigenvalues are the roots; as `roots`."""
     n = mass.shape[0]
     damped = velocity if velocity.size else np.zeros((n, n))
     lower = np.linalg.solve(mass, np.concatenate([-stiffness, -damped], axis=1))
-    state = np.concatenate([np.eye(n, 2 * n, n), lower])
-    return np.asarray(np.linalg.eigvals(state), dtype=np.complex128)
+    return np.concatenate([np.eye(n, 2 * n, n), lower])
 
 
 def growing(mass: Array, velocity: Array, stiffness: Array) -> NDArray[np.complex128]:

@@ -32,7 +32,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.kernels.compilation import compiled
 from fenicsrom.online.model.disk_model import Complex, Sector
 from fenicsrom.online.model.loads import OMEGA, factors_along
-from fenicsrom.online.model.model import Problem, ReducedModel
+from fenicsrom.online.model.model import Problem
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force
 from fenicsrom.online.periodic.orbit import Orbit, periodic_orbit
 from fenicsrom.online.step.state import DAMPING_DISSIPATION, WORK, Record, no_record
@@ -46,12 +46,6 @@ def forces_along(polynomial: ElasticPolynomial, q: Array, force: Array, tangent:
     """Write the elastic forces (T, e) and tangents (T, e, e) at the instants of a motion (T, e)."""
     for row in range(q.shape[0]):
         elastic_force(polynomial, q[row], force[row], tangent[row])
-
-
-def _damping(model: ReducedModel) -> Array:
-    """α M + D (n, n) of a model, kg/s."""
-    found = model.damping * model.mass
-    return found + model.velocity_matrix if model.velocity_forces else found
 
 
 def waves_of(harmonics: int, instants: int, first: float = 0.0) -> Array:
@@ -246,7 +240,7 @@ class Balance:
         push = phasors(self._weights @ factors_along(model.load_histories, times)) @ model.loads.T
         push[0] -= model.elastic.force
         speeds = 2j * np.pi / problem.period * np.arange(self.harmonics + 1)[:, None, None]
-        dynamic = model.elastic.stiffness + speeds * _damping(model) + speeds**2 * model.mass
+        dynamic = model.elastic.stiffness + speeds * model.damping_matrix() + speeds**2 * model.mass
         joined, through = (np.conj(a.swapaxes(1, 2)) for a in (self._joined, self._through))
         pushed = joined @ push[:, :, None]
         through = np.broadcast_to(through, (len(push), *through.shape[1:]))
@@ -318,7 +312,7 @@ class Balance:
             rows.friction_dissipation[:, p] = np.cumsum(orbit.dissipated)
             rows.state[:, p] = orbit.state
         rows.energies[:] = np.nan
-        power = np.einsum("ti,ij,tj->t", state[1], _damping(model), state[1])
+        power = np.einsum("ti,ij,tj->t", state[1], model.damping_matrix(), state[1])
         modal = rates[:, :, None] * (self._modal.conj().swapaxes(1, 2) @ self._own(found))
         power += 0.5 * np.sum(np.abs(modal) ** 2)  # of waves, the mean over the sectors
         lost = power * problem.period / count
