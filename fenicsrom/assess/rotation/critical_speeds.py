@@ -19,7 +19,6 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
@@ -84,6 +83,8 @@ class FrequencyCurve:
 
     def at(self, speeds: Array) -> Array:
         """f^2 (k,) at speeds (k,), Hz^2."""
+        from scipy.interpolate import CubicSpline  # slow to import
+
         return np.asarray(CubicSpline(self._variable, self.squares)(self._of(speeds)))
 
     def with_sample(self, speed: float, square: float) -> FrequencyCurve:
@@ -96,6 +97,8 @@ class FrequencyCurve:
 
     def crossings(self, order: int) -> Array:
         """The speeds above 0 and within the curve where an engine order meets it, ascending."""
+        from scipy.interpolate import CubicSpline, PPoly  # slow to import
+
         spline, slope = CubicSpline(self._variable, self.squares), (order / 60.0) ** 2
         left = spline.x[:-1]
         powers = spline.c.copy()  # (k Omega/60)^2 about the left end of each piece is subtracted

@@ -38,7 +38,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
@@ -302,6 +301,8 @@ def follow(
         omega^2 and shapes in the order of `shapes`, and the MAC of each pair (m,): with two modes
         that the Coriolis force has joined to a whirl, that with both (`_joint`).
     """
+    from scipy.optimize import linear_sum_assignment  # slow to import
+
     turn = aligning(hermitian(solid, shapes, vectors), squares)
     vectors, squares = vectors @ turn, (np.abs(turn) ** 2).T @ squares  # these are returned
     common = hermitian(solid, shapes, vectors)

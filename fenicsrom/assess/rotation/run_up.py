@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.rotation.critical_speeds import FrequencyCurve
@@ -181,6 +180,8 @@ def _at_rest(whole: RangeModel, omega: Array, motion: Motion) -> Array:
     if squares.size == 1:
         found = np.repeat(known, omega.size, axis=0)
     else:
+        from scipy.interpolate import CubicSpline  # slow to import
+
         found = CubicSpline(squares, known)(omega**2)
     return np.asarray(found.reshape(motion.displacement.shape))
 
