@@ -269,7 +269,7 @@ def have_passed_zero(solid: TurningBody, squares: Array, shapes: Shapes) -> bool
     for part in (shapes.real, shapes.imag):
         block = np.ascontiguousarray(part)
         energy += np.diag(solid.inner(block, solid.stiffness_times(block)))
-    return bool(np.any((squares > 0.0) & (energy < 0.0)))
+    return bool(np.any((squares > 0.0) & (energy < -ROUNDING * squares)))
 
 
 def hermitian(solid: TurningBody, a: Shapes, b: Shapes) -> Shapes:
