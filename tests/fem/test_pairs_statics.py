@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from support import assert_tangent
-from test_pairs import COARSE, PAIR, bars, forces, lap, scene_of, solid, stacked
+from test_pairs import COARSE, PAIR, bars, blocks, forces, lap, scene_of, solid, stacked
 
 import fenicsrom as fr
 from fenicsrom.cli import main
@@ -114,6 +114,26 @@ def test_path_ends_where_friction_no_longer_holds_the_body(tmp_path: Path) -> No
         ConvergenceError, match=r"at the load factor 0, without loads\[0\]: the cont"
     ):
         fr.statics(replace(scene, statics=Statics(loads=(0,))), MPI.COMM_SELF)
+
+
+def test_path_begins_with_plates_that_just_touch(tmp_path: Path) -> None:
+    plates = [((0.0, y), (0.2, y + 0.005), (n, 1)) for y, n in ((0.0, 10), (0.005, 12))]
+    scene = scene_of(
+        blocks(tmp_path / "plates.vtu", *plates),
+        2,
+        {"group": "1 low y", "against": "0 high y", "friction": 0.0, "normal_stiffness": 1e13},
+        2,
+        geometrically_nonlinear=True,
+        supports=[{"group": f"{k} low x"} for k in range(2)],
+        loads=[{"group": "1 high y", "pressure": 2e3}],
+        probe={"group": "1 high x"},
+        time={"duration": 1.0, "step": 0.1},
+    )
+    found, body = fr.statics(scene, MPI.COMM_SELF), solid(scene)
+    assert (found.reason, found.unfinished) == ("end of the range", None)
+    np.testing.assert_allclose(
+        found.points[-1].probe, body.probe_rows @ body.equilibrium, rtol=1e-7
+    )
 
 
 def test_bodies_that_touch_need_no_times_where_nothing_moves(tmp_path: Path) -> None:

@@ -186,6 +186,9 @@ AIM = 0.02
 REACH = 4.0
 """Longest step that the cubic extrapolates, in parts of the distance of its points."""
 
+LONGEST = 1.0
+"""Length of a correction above which the tangent is renewed: contact points may have closed."""
+
 CORRECTIONS, RENEWALS = 30, 6
 """Largest numbers of corrections and of mixed tangents at one point."""
 
@@ -404,7 +407,7 @@ class PathFollower:
             along: (local + 1,) its normal in (2).
             ahead: (local + 1,) a direction on whose side the tangent of the path is taken.
         """
-        y, last, renewals = guess.copy(), np.inf, 0
+        y, last, renewals = guess.copy(), LONGEST / CONTRACTION, 0
         change: Array | None = None
         for _ in range(CORRECTIONS):
             correction = self._correction(y, guess, along)
@@ -415,7 +418,7 @@ class PathFollower:
                     return None
                 correction = self._correction(y, guess, along)
                 length = self._length(correction)
-            if not length <= 1.0:
+            if not length <= LONGEST:
                 return None
             y = y + correction
             change = correction[:-1]
