@@ -9,7 +9,8 @@ of a model with both. As long as the responses change little, the error that the
 that the candidates show are those of different directions, and are added as such
 (`fenicsrom.assess.errors.estimates.together`). Otherwise the responses join all candidates, and so
 do those to the residual along the motion of this model, until the responses, or what they change,
-are small.
+are small. The friction of bodies that touch changes little by the candidates or by the responses
+alone, and more by both: there the responses join all candidates at once, at most twice.
 
 A static response alone is no estimate of the errors at the contact and at a load: the basis holds
 the static responses to forces there, so that the residual does no work on them.
@@ -40,11 +41,17 @@ UNSEEN, SEEN = 1e-3, 1e-2
 Neither do changes up to `SEEN` that are at most half of the estimate: what follows is smaller.
 """
 
+FAINT = 1e-5
+"""Smaller responses of bodies that touch do not count: friction has little of the energy."""
+
 ROUNDS = 3
 """How often responses join all candidates; never for a motion that does not settle."""
 
 RESPONSES = 8
 """Largest number of responses that join at once."""
+
+JUDGED = {False: ("amplitude", "peak_force"), True: ("probe", "dissipation", "history")}
+"""The errors whose changes count, of a body and of bodies that touch."""
 
 RESPONSE = "R"
 """The last letter of the labels of responses."""
@@ -86,15 +93,17 @@ def judge_with_residual(
     small = extended.part(stored.labels, stored.model.mass)
     bare = replace(stored, candidates=None, further=(), finer=None, tables=None)
     found = judge_again(bare, motion, other)[0]
-    before, along = motion, other
-    for k in range(1 if is_unsteady(motion) else 1 + ROUNDS):
-        if k != 1:  # the second model has the responses of the first one
+    joint = stored.scene.joined
+    before, along = other if joint else motion, other
+    for k in range(1 if is_unsteady(motion) else 2 if joint else 1 + ROUNDS):
+        if joint or k != 1:  # the second model has the responses of the first one
             vectors, sizes = unseen(body, modes, basis, along, stored.scene)
-            vectors = vectors[:, : min(int(np.sum(sizes > UNSEEN)), RESPONSES)]
+            count = int(np.sum(sizes > (FAINT if joint else UNSEEN)))
+            vectors = vectors[:, : min(count, RESPONSES)]
         if vectors.shape[1] == 0:
             break
         try:
-            joined = _joined(body, modes, basis if k else small, vectors)
+            joined = _joined(body, modes, basis if joint or k else small, vectors)
         except AccuracyError:  # responses that rounding does not tell from the basis
             break
         model = project(body, joined, body.geometrically_nonlinear)
@@ -102,10 +111,11 @@ def judge_with_residual(
         found, seen = judge_again(larger, motion, other)
         if seen is None:
             break
-        pairs = zip(estimates.distances(before, seen)[:2], found.errors[:2], strict=True)
-        if all(change <= min(max(0.5 * error, UNSEEN), SEEN) for change, error in pairs):
+        change = estimates.times_distance(1.0, before, seen)
+        pairs = ((getattr(each, name) for each in (change, found.errors)) for name in JUDGED[joint])
+        if all(moved <= min(max(0.5 * error, UNSEEN), SEEN) for moved, error in pairs):
             break
-        basis, before, along = (joined, seen, seen) if k else (basis, other, other)
+        basis, before, along = (joined, seen, seen) if joint or k else (basis, other, other)
     return found
 
 
