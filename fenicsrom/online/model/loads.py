@@ -52,7 +52,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array, zeros
-from fenicsrom.online.contact.surfaces import NO_HISTORY, angle_at
+from fenicsrom.online.contact.surfaces import NO_HISTORY, angle_at, row_before
 from fenicsrom.online.kernels.compilation import compiled, kernel
 from fenicsrom.online.model.polynomial import Workspace
 from fenicsrom.scene import Harmonic, Harmonics, Load, Pulse, Scene, Static, Sweep, Table
@@ -180,12 +180,8 @@ def write_factors(load_histories: LoadHistories, time: float, out: Array) -> Non
             value += sines[i, AMPLITUDE] * np.sin(omega * x + angle)
         low, high = spans[k, 2], spans[k, 3] - 1
         if high >= low:
-            while high - low > 1:
-                middle = (low + high) // 2
-                if table[middle, 0].real <= time.real:
-                    low = middle
-                else:
-                    high = middle
+            low += row_before(table[low:high], time)
+            high = low + 1
             share = (time - table[low, 0]) / (table[high, 0] - table[low, 0])
             if not 0.0 < share.real < 1.0:
                 share = (1.0 if share.real > 0.5 else 0.0) + 0.0 * time
