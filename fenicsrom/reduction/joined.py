@@ -70,8 +70,7 @@ def range_model(
     """The range model of a structure, with its errors between the speeds.
 
     Args:
-        structure: a `fenicsrom.fem.solid.solid.Solid` at the middle one of the speeds; afterwards
-            it is unloaded.
+        structure: a `fenicsrom.fem.solid.solid.Solid`; afterwards it is unloaded.
         options: the options of the basis.
         speeds: (s,) speeds of the basis, ascending, rad/s.
         nominal: the speed of the stiffness and the modes of the damping, rad/s; None takes the
@@ -82,10 +81,15 @@ def range_model(
         SceneError: there are too many coordinates.
     """
     middle = speeds[speeds.size // 2]
+    if structure.rotation.omega != middle:
+        structure.spin(float(middle))
     first = component_modes(structure, options)
     more = min(first.omega.size + NEXT_MODES, structure.free)
     next_modes = structure.eigenmodes(structure.factor, more)[1][:, first.omega.size :]
     extra = [next_modes, structure.factor.solve(structure.load_vectors)]
+    if structure.interface is not None and options.masters == "motion":  # to judge the others
+        further = structure.contact_rows.T @ structure.interface[:, first.rows.shape[0] :]
+        extra.append(structure.factor.solve(further))
     seen = {}
     between = 0.5 * (speeds[1:] + speeds[:-1])
     for omega in map(float, [middle, *sorted({*speeds, *between} - {middle})]):
@@ -156,6 +160,7 @@ def _projected(
         modes=first.omega.size,
         masters=first.rows.shape[0],
         errors=RangeErrors(*np.zeros((4, 0))),
+        contacts=structure.contacts if structure.joined else None,
     )
     between = [one for one in seen if one.omega not in found.speeds]
     errors = [_errors(structure, r, found, one) for one in between]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from fenicsrom.scene import Overrides
 
 
-@starts_from(pairs=True)
+@starts_from()
 def statics(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> EquilibriumPath:
     """Follow the static equilibria of a scene over a load factor. Collective.
 
@@ -56,7 +56,7 @@ def statics(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Eq
     return found
 
 
-@starts_from(pairs=True, sectors=True)
+@starts_from(sectors=True)
 def modes(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Study | Campbell:
     """Compute the modes and the modal derivatives of a scene, which needs no loads. Collective.
 
@@ -68,7 +68,7 @@ def modes(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Stud
     return cast("Study", run(scene, comm, folder=folder, modes_only=True))
 
 
-@starts_from(pairs=True, sectors=True)
+@starts_from(sectors=True)
 def nodal_diameters(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Campbell:
     """Compute the modes of a disk by nodal diameter, at the speed of the scene. Collective.
 
@@ -94,7 +94,7 @@ def nodal_diameters(scene: Scene, comm: Any = None, *, folder: Path | None = Non
     return campbell(replace(scene, rotation=rotation, campbell=diagram), comm, folder=folder)
 
 
-@starts_from("StoredModel", pairs=True, sectors=True)
+@starts_from("StoredModel", sectors=True)
 def campbell(
     given: Scene | StoredModel, comm: Any = None, *, folder: Path | None = None
 ) -> Campbell:
@@ -137,7 +137,7 @@ def campbell(
     return found
 
 
-@starts_from(pairs=True, sectors=True)
+@starts_from(sectors=True)
 def compare(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Comparison:
     """Compare reduced bases of a scene with its full model: error against run time. Collective.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, cast
@@ -19,9 +19,11 @@ if TYPE_CHECKING:
     from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.online.store.scene_changes import Trained
     from fenicsrom.records import Study
     from fenicsrom.reduction.modes import ComponentModes
     from fenicsrom.reduction.stages import Reduction
+    from fenicsrom.scene import Scene
 
 LARGE_CONDITION = 1e4
 """Condition number of the scaled reduced mass from which the user is warned."""
@@ -64,25 +66,31 @@ def solid(run: Run, modes_only: bool = False) -> None:
 
 def interface_vectors(run: Run) -> None:
     """Let motions of the scene choose the interface vectors of its basis."""
-    from fenicsrom.assess.curves.checks import curve_motions
-    from fenicsrom.assess.curves.response_problem import scenes_of_curves
     from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.store.archive import StoredModel
-    from fenicsrom.reduction.training import motion_of_scene, train
 
     solid, scene = run.study.solid, run.study.scene
 
-    def moves(reduction: Reduction) -> Sequence[Motion]:
+    def stored(reduction: Reduction) -> StoredModel:
         names, model = reduction.basis.labels, cast(ReducedModel, reduction.model)
-        if not is_curve:
-            return motion_of_scene(model, scene)
         hertz = reduction.modes.frequencies_hz
-        method = scene.basis.method
-        return curve_motions(StoredModel(model, scene, method, names, solid.free, hertz, {}))
+        return StoredModel(model, scene, scene.basis.method, names, solid.free, hertz, {})
+
+    run.study.trained = trained(solid, scene, stored)
+
+
+def trained(solid: Solid, scene: Scene, stored: Callable[[Reduction], StoredModel]) -> Trained:
+    """Let motions of a scene choose the interface vectors of its solid, in the models `stored`."""
+    from fenicsrom.assess.curves.checks import curve_motions
+    from fenicsrom.assess.curves.response_problem import of_curves, scenes_of_curves
+    from fenicsrom.reduction.training import motion_of_scene, train
+
+    def moves(reduction: Reduction) -> Sequence[Motion]:
+        found = stored(reduction)
+        return curve_motions(of_curves(found)) if is_curve else motion_of_scene(found.model, scene)
 
     is_curve = scene.response is not None and scene.backbone is None
-    scenes = scenes_of_curves(scene) if is_curve else [scene]
-    run.study.trained = train(solid, scene, moves, scenes)
+    return train(solid, scene, moves, scenes_of_curves(scene) if is_curve else [scene])
 
 
 def modes(run: Run, modes_only: bool = False) -> None:

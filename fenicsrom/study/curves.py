@@ -37,7 +37,7 @@ LINES = "map_lines"  # folder of the speeds that are done
 COORDINATES = "coordinates.json"  # file in this folder with the labels of the coordinates
 
 
-@starts_from("StoredModel", "StoredDisk", pairs=True, sectors=True)
+@starts_from("StoredModel", "StoredDisk", sectors=True)
 def response(
     given: Scene | StoredModel | StoredDisk,
     comm: Any = None,
@@ -64,7 +64,7 @@ def response(
         KeyboardInterrupt: the work was asked to stop before the curves began.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.curves.response_problem import check_response
+    from fenicsrom.assess.curves.response_problem import check_response, of_curves
     from fenicsrom.assess.curves.results import check_folder, response_table
     from fenicsrom.assess.errors.comparisons import of_model
     from fenicsrom.post.curves.response_report import write
@@ -78,8 +78,7 @@ def response(
     given = cast("Scene | StoredModel", given)
     source = source_of(given, comm, folder, fresh)
     table = response_table(source.stored.scene)
-    if table.parameter == "rotation.speed_rpm":
-        source = replace(source, stored=source.stored.over_speeds(table.low, table.high))
+    source = replace(source, stored=of_curves(source.stored))
     found, source = _curves(source, folder, resume, workers)
     ends = (table.low, table.high) if table.parameter == "rotation.speed_rpm" else ()
     found.mesh_check = of_model(source.stored, *ends)
@@ -259,7 +258,7 @@ def _keep(found: Response, again: Response, larger: StoredModel) -> None:
     found.warnings.append(Note(NoteKind.ERROR, text, "basis.accuracy"))
 
 
-@starts_from("StoredModel", pairs=True)
+@starts_from("StoredModel")
 def backbone(
     given: Scene | StoredModel,
     comm: Any = None,
@@ -296,7 +295,7 @@ def backbone(
     return written(_judged(found, source), folder if found.points else None, source.comm)
 
 
-@starts_from("StoredModel", pairs=True)
+@starts_from("StoredModel")
 def ringdown(
     given: Scene | StoredModel,
     comm: Any = None,

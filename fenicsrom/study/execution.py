@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from fenicsrom.study.offline_cache import OfflineCache
 
 
-@starts_from(pairs=True, sectors=True)
+@starts_from(sectors=True)
 def run(
     scene: Scene,
     comm: Any = None,
@@ -105,7 +105,7 @@ def _disk_motion(scene: Scene, comm: Any, folder: Any, mesh: Any) -> DiskRun:
     return found
 
 
-@starts_from(pairs=True, sectors=True)
+@starts_from(sectors=True)
 def build_disk(
     scene: Scene, mesh: Mesh | None = None, comm: Any = None, watch: Stopwatch | None = None
 ) -> StoredDisk:
@@ -131,7 +131,7 @@ def build_disk(
     return stored_disk(scene, mesh, watch or Stopwatch())
 
 
-@starts_from("StoredDisk", pairs=True, sectors=True)
+@starts_from("StoredDisk", sectors=True)
 def run_disk(
     disk: StoredDisk, *, folder: Path | None = None, watch: Stopwatch | None = None
 ) -> DiskRun:
@@ -180,7 +180,7 @@ def offline(
     return run.study
 
 
-@starts_from(pairs=True)
+@starts_from()
 def build_model(
     scene: Scene, mesh: Mesh | None = None, comm: Any = None, fresh: bool = False
 ) -> StoredModel:

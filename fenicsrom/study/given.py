@@ -8,7 +8,6 @@ from typing import Any, TypeVar, cast
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene import Scene, read_scene
 from fenicsrom.scene.checks.checks import require_no_sector
-from fenicsrom.scene.checks.contact_checks import require_no_pairs
 
 COMMANDS = {"interaction_map": "map", "integrate": "run"}
 """The commands whose functions have another name."""
@@ -16,12 +15,11 @@ COMMANDS = {"interaction_map": "map", "integrate": "run"}
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def starts_from(*more: str, pairs: bool = False, sectors: bool = False) -> Callable[[F], F]:
+def starts_from(*more: str, sectors: bool = False) -> Callable[[F], F]:
     """Let the first argument of a function be a scene, the path of its file, or of another type.
 
     Args:
         more: names of the other types; a name needs no import.
-        pairs: whether the function takes scenes with contacts between bodies.
         sectors: whether it takes sectors of disks.
     """
 
@@ -38,8 +36,6 @@ def starts_from(*more: str, pairs: bool = False, sectors: bool = False) -> Calla
                 allowed = " or ".join(["a Scene, the path of its file", *map("a {}".format, more)])
                 raise TypeError(f"{function.__name__}: {kind}: must be {allowed}")
             scene = given if isinstance(given, Scene) else given.scene
-            if not pairs:
-                require_no_pairs(scene, command)
             if not sectors:
                 require_no_sector(scene, command)
             return function(given, *args, **named)

@@ -6,7 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError, refuse
+from fenicsrom.notes import packed
 from fenicsrom.progress import log
+from fenicsrom.study.building import trained
 
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
@@ -50,27 +52,30 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     middle = replace(scene.at_speed(speeds[len(speeds) // 2]), loads=scene.loads)
     solid = solid_of(middle, mesh)
     solid.excitation = highest_frequency(scene.at_speed(speeds[-1]))
-    log.info("one model for all speeds ..")
     assert scene.rotation is not None
     omegas, nominal = np.pi / 30.0 * np.array(speeds), scene.rotation.omega
-    whole = range_model(solid, scene.basis, omegas, nominal)
+    histories = load_histories(scene)
+
+    def build(_: object = None) -> StoredModel:
+        log.info("one model for all speeds ..")
+        whole = range_model(solid, scene.basis, omegas, nominal).under(load_histories=histories)
+        known = "rubin", (), solid.free, np.zeros(0), provenance()
+        return StoredModel(whole.model, scene, *known, whole=whole).at_speed()
+
+    chosen = None
+    if scene.basis.masters == "motion":
+        start = [speed for _, speed in scene.rotation.history] or [scene.rotation.speed_rpm]
+        solid.spin(np.pi / 30.0 * start[0])  # the rest of the motions
+        chosen = trained(solid, scene, build)
+    found = build()
     log.info("the same of finer elements ..")
-    options = replace(scene.basis, modes=whole.modes)
+    assert found.whole is not None
+    options = replace(scene.basis, modes=found.whole.modes)
     finer, unjudged = _finer(middle, solid, options, omegas, nominal)
-    whole = replace(whole, finer=finer).under(load_histories=load_histories(scene))
-    found = StoredModel(
-        model=whole.model,
-        scene=scene,
-        method="rubin",
-        labels=(),
-        dofs=solid.free,
-        frequencies_hz=np.zeros(0),
-        provenance=provenance(),
-        unjudged=unjudged,
-        whole=whole,
-    ).at_speed()
     solid.destroy()
-    return found
+    whole = replace(found.whole, finer=finer).under(load_histories=histories)
+    notes = packed(dict.fromkeys(solid.warnings))
+    return replace(found, unjudged=unjudged, whole=whole, trained=chosen, notes=notes)
 
 
 def _finer(

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fenicsrom.records import Rerun, Study
 
 
-@starts_from("StoredModel", "StoredDisk", pairs=True, sectors=True)
+@starts_from("StoredModel", "StoredDisk", sectors=True)
 def integrate(
     given: Scene | StoredModel | StoredDisk,
     comm: Any = None,

@@ -32,7 +32,7 @@ MODELS, RUNS = "models", "runs"  # folders of the reduced models and of the resu
 Row = dict[str, Any]
 
 
-@starts_from("StoredModel", "StoredDisk", pairs=True, sectors=True)
+@starts_from("StoredModel", "StoredDisk", sectors=True)
 def sweep(
     given: Scene | StoredModel | StoredDisk,
     over: Mapping[str, Sequence[Any]],

@@ -16,6 +16,7 @@ from fenicsrom.assess.studies.sweep_runs import _measured
 from fenicsrom.errors import ErrorKind
 from fenicsrom.notes import DISSIPATION, PEAK_FORCE
 from fenicsrom.online.contact.points import contacts_of, trial_forces
+from fenicsrom.online.contact.together import all_closed
 from fenicsrom.online.model.bolts import no_bolts
 from fenicsrom.online.step.statics import together
 from fenicsrom.online.store.scene_changes import Trained, changed_scene
@@ -104,8 +105,9 @@ def test_joint_whose_bolts_push_has_no_equilibrium(stored: fr.StoredModel) -> No
     pulls = np.array([-1.01 * bolt.force for bolt in scene.bolts])
     elastic = model.bolts.pulled(model.elastic, pulls, scene.geometrically_nonlinear)
     contacts, paired = contacts_of(scene, model.points), np.full(model.points.contact.size, True)
+    start = all_closed(contacts, paired), np.zeros(model.size)
     with pytest.raises(fr.ConvergenceError, match="press the body on"):
-        together(model._replace(elastic=elastic), contacts, paired)
+        together(model._replace(elastic=elastic), contacts, *start)
 
 
 def test_joint_that_needs_its_mesh_is_refused(stored: fr.StoredModel) -> None:

@@ -88,7 +88,9 @@ def test_model_at_one_speed_is_the_range_model_on_its_subspace(interface_modes: 
     whole, omega = turning(), 0.5
     at = whole.at(omega, interface_modes, nonlinear=True)
     q0 = whole.equilibrium(omega)
-    _, z, labels, count = _Space(whole, shifted(whole.elastic(omega), q0)).basis(interface_modes)
+    _, z, labels, count = _Space(whole, shifted(whole.elastic(omega), q0), q0).basis(
+        interface_modes
+    )
     assert at.labels == labels[:count] and at.model.size == count < at.candidates.size
     rng = np.random.default_rng(5)
     for model, size in ((at.model, count), (at.candidates, len(labels))):

@@ -11,6 +11,7 @@ from fenicsrom.online.model.loads import displacement_sines
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.periodic import shooting
 from fenicsrom.online.run.march import integrate
+from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.scene_changes import changed_path
 from fenicsrom.scene import (
     Families,
@@ -75,6 +76,18 @@ def scenes_of_curves(scene: Scene) -> list[Scene]:
         ends, key = (table.first, table.last), table.parameter
         found = [_changed(each, key, v, str(scene.source)) for each in found for v in ends]
     return found
+
+
+def of_curves(stored: StoredModel) -> StoredModel:
+    """The model of the curves of its scene: over the speed of rotation, one for all speeds.
+
+    Raises:
+        ConvergenceError: as `StoredModel.over_speeds`.
+    """
+    table = response_table(stored.scene)
+    if table.parameter != "rotation.speed_rpm":
+        return stored
+    return stored.over_speeds(table.low, table.high)
 
 
 def _check_excitation(scene: Scene, given: Scene) -> None:

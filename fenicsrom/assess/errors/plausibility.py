@@ -178,7 +178,7 @@ def _of_loads(model: Any, scene: Scene, frequencies: Array, extent: float) -> It
         )
     if not isinstance(model, ReducedModel):
         return
-    stiffness = _closed_stiffness(model, scene)
+    stiffness = closed_stiffness(model, scene)
     squares, shapes = eigh(stiffness, model.mass, subset_by_index=[0, 0])
     damped = model.velocity_matrix
     viscous = float(np.sum(shapes.T @ damped @ shapes)) if damped.size else 0.0
@@ -214,7 +214,7 @@ def _of_loads(model: Any, scene: Scene, frequencies: Array, extent: float) -> It
         )
 
 
-def _closed_stiffness(model: ReducedModel, scene: Scene) -> Array:
+def closed_stiffness(model: ReducedModel, scene: Scene) -> Array:
     """K (n, n) with the springs of the contacts between bodies that are closed at rest."""
     if not scene.joined:
         return model.elastic.stiffness

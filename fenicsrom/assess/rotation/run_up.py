@@ -12,14 +12,13 @@ comes from the shaft.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.rotation.critical_speeds import FrequencyCurve
 from fenicsrom.assess.rotation.rotating_modes import RangeBody, modes_at_speed
-from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.points import ContactPoints, paired
 from fenicsrom.online.contact.surfaces import angle_at, speed_at
 from fenicsrom.online.model.turning import rest_energy
 from fenicsrom.online.motion.motion import Motion
@@ -36,8 +35,8 @@ class RunUp:
     Attributes:
         time: (k,) end of each revolution, s.
         speed: (k,) mean speed, rad/s.
-        amplitude: (k,) largest distance of a contact point, or of the probe without contact, from
-            the equilibrium of the present speed, m.
+        amplitude: (k,) largest distance of a contact point from the equilibrium of the present
+            speed, m; of the probe without contact, or with one between bodies.
         peak_force: (k,) largest normal force, N.
         friction: (k,) energy dissipated by friction, J.
         torque: (k,) mean torque of the shaft (1), N m.
@@ -91,12 +90,13 @@ def run_up(stored: StoredModel, motion: Motion) -> RunUp | None:
     time, steps = motion.time, np.diff(motion.time)
     omega, angle = (np.array([f(turning.history, t) for t in time]) for f in (speed_at, angle_at))
     momentum, inertia, by_loads = motion.turning.T
-    by_contacts = _contact_moment(stored.model.points, stored.scene.rotation, motion)
+    by_contacts = _contact_moment(stored.model.points, stored.scene, motion)
     loads = steps * _middle(by_loads)
     contacts = steps * by_contacts
     impulse = np.diff(momentum) - loads - contacts
     works = _middle(omega) * np.array([impulse, -contacts, -loads])
-    moved = motion.displacement - _at_rest(whole, omega, motion)
+    seen = np.asarray(motion.probe)[:, None] if stored.scene.joined else motion.displacement
+    moved = seen - _at_rest(whole, omega, seen.shape)
     distance = np.linalg.norm(moved, axis=2).max(axis=1)
     force = motion.force[:, :, 0].max(axis=1, initial=0.0)
     rest = np.array([rest_energy(turning, speed) for speed in omega])
@@ -169,11 +169,11 @@ def _middle(values: Array) -> Array:
     return 0.5 * (values[1:] + values[:-1])
 
 
-def _at_rest(whole: RangeModel, omega: Array, motion: Motion) -> Array:
-    """The displacements (ns, P, d) in the equilibria at some speeds (ns,), m."""
+def _at_rest(whole: RangeModel, omega: Array, shape: tuple[int, ...]) -> Array:
+    """The displacements of this shape (ns, P, d) in the equilibria at some speeds (ns,), m."""
     model = whole.model
     rows, offset = model.contact_rows, model.contact_offset
-    if not len(rows):
+    if not len(rows) or whole.contacts is not None:
         rows, offset = model.probe, model.probe_offset
     squares = np.unique(np.linspace(omega.min() ** 2, omega.max() ** 2, SNAPSHOTS))
     known = [offset + rows @ whole.equilibrium(float(speed)) for speed in np.sqrt(squares)]
@@ -183,18 +183,23 @@ def _at_rest(whole: RangeModel, omega: Array, motion: Motion) -> Array:
         from scipy.interpolate import CubicSpline  # slow to import
 
         found = CubicSpline(squares, known)(omega**2)
-    return np.asarray(found.reshape(motion.displacement.shape))
+    return np.asarray(found.reshape(shape))
 
 
-def _contact_moment(points: ContactPoints, rotation: Any, motion: Motion) -> Array:
-    """The mean moment of the contacts on the body about the axis in each step (ns - 1,), N m."""
-    d = points.position.shape[1]
+def _contact_moment(points: ContactPoints, scene: Scene, motion: Motion) -> Array:
+    """The mean moment of the contacts on the body about the axis in each step (ns - 1,), N m.
+
+    Bodies that touch push one another with equal forces, which have none.
+    """
+    d, rotation = points.position.shape[1], scene.rotation
+    assert rotation is not None
     place = np.array(rotation.point or (0.0,) * d)
     x = 0.5 * (motion.displacement[1:] + motion.displacement[:-1])
     if not motion.force.shape[1]:
         return np.zeros(motion.time.size - 1)
     arm = points.position - place + np.einsum("npk,pkx->npx", x, points.frame)
     force = -np.einsum("npk,pkx->npx", motion.mean_force[1:], points.frame)
+    force[:, paired(scene, points)] = 0.0
     if d == 2:
         along = arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
     else:

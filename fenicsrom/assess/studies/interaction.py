@@ -153,8 +153,11 @@ def map_speeds(scene: Scene) -> Array:
 
     if scene.speeds_rpm is None:
         raise refusal("rotation.speeds_rpm", "missing: a map needs it", ErrorKind.MISSING)
-    if not scene.contacts:
-        raise refusal("contacts", "a map needs a contact", ErrorKind.MISSING)
+    if all(contact.against for contact in scene.contacts):
+        raise refusal("contacts", "a map needs a contact with a rigid surface", ErrorKind.MISSING)
+    if scene.basis.masters == "motion":
+        reason = 'must be "all" in a map: other speeds have other motions than the scene, which '
+        raise refusal("basis.masters", f"{reason}would choose the interface vectors")
     if scene.rotation is not None and scene.rotation.history:
         reason = "not allowed in a map, whose speeds are constant; [] leaves it out"
         raise refusal("rotation.history", reason)

@@ -28,6 +28,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.plausibility import closed_stiffness
+from fenicsrom.online.contact.points import paired
 from fenicsrom.online.contact.surfaces import CYLINDER, Contacts, penetration
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.model.pencil import roots
@@ -156,6 +158,7 @@ class Place:
         self.speed_rpm = scene.rotation.speed_rpm
         self.revolution = 60.0 / self.speed_rpm
         self.contacts = Problem.of(self.stored.model, self.scene).contacts
+        self.walls = np.flatnonzero(~paired(scene, self.stored.model.points))
         if self.table.clearance == "at speed":
             self.contacts = self.contacts._replace(radius=self._radii())
         arms = self.stored.model.points.position - np.array(scene.rotation.point)
@@ -166,7 +169,7 @@ class Place:
         plain = self.contacts._replace(order=np.zeros(0), times=np.zeros(0))
         moved = self.stored.model.contact_offset.reshape(plain.side.size, -1)
         number, shift = self.stored.model.points.contact, np.zeros(plain.side.size)
-        for contact in np.unique(number):
+        for contact in np.unique(number[self.walls]):
             mine = np.flatnonzero(number == contact)
             depths = [
                 max(penetration(plain, int(p), x[p], 0.0) for p in mine)
@@ -191,13 +194,13 @@ class Place:
             speed_rpm=self.speed_rpm,
             amplitudes=self.spectrum(radial, steps, period),
             amplitude=half_range(radial),
-            peak_force=float(motion.force[late, :, 0].max()),
-            contact=float(np.mean(np.any(motion.state[late] >= 0, axis=1))),
+            peak_force=self._peak_force(motion, late),
+            contact=float(np.mean(np.any(motion.state[late][:, self.walls] >= 0, axis=1))),
             clearance=self._clearance(motion.gap[late]),
             verdict=verdict,
             period=period,
-            free_hz=self.frequencies(model.elastic.stiffness),
-            closed_hz=self.frequencies(model.elastic.stiffness + self._contact_stiffness()),
+            free_hz=self.frequencies(self._stiffness()),
+            closed_hz=self.frequencies(self._stiffness() + self._contact_stiffness()),
             by_basis=nothing,
             by_step=nothing,
             by_mesh=nothing,
@@ -228,7 +231,7 @@ class Place:
 
         def spectrum(motion: Motion, count: int) -> Array:
             values = self.radial(motion, count)
-            forces.append(float(motion.force[self._late(motion, values, count), :, 0].max()))
+            forces.append(self._peak_force(motion, self._late(motion, values, count)))
             period = min(line.period, values.shape[0] // count)
             return np.abs(self.spectrum(values, count, period) - line.amplitudes)
 
@@ -260,6 +263,10 @@ class Place:
         """(ns,) whether a step belongs to the revolutions of the radial motion (m N, P)."""
         since = motion.time[-1] - (radial.shape[0] / steps) * self.revolution
         return np.asarray(motion.time > since)
+
+    def _peak_force(self, motion: Motion, late: NDArray[np.bool_]) -> float:
+        """The largest normal force of rigid surfaces in some steps (ns,), N."""
+        return float(motion.force[late][:, self.walls, 0].max())
 
     def march(
         self, model: ReducedModel, steps: int, before: Line | None, start: tuple[Array, ...] | None
@@ -297,7 +304,7 @@ class Place:
         return problem if before is None else problem.settled().with_own_wear(before.worn)
 
     def radial(self, motion: Motion, steps: int) -> Array:
-        """The motion (m N, P) of the points along their normals at equal instants, m.
+        """The motion (m N, P) of the points at walls along their normals at equal instants, m.
 
         It is that of the last revolutions, or of one period if the motion is steady.
         """
@@ -305,7 +312,7 @@ class Place:
         count = round(motion.period / self.revolution) if motion.steady else self.table.last
         instants = motion.time[-1] - self.revolution / steps * np.arange(count * steps)[::-1]
         places = np.searchsorted(motion.time, instants - 0.1 * self.revolution / steps)
-        return np.asarray(motion.displacement[places, :, 0])
+        return np.asarray(motion.displacement[places][:, self.walls, 0])
 
     def spectrum(self, radial: Array, steps: int, period: int) -> Array:
         """Amplitudes (k,) at the engine orders j / m, the largest of all points; equation (1).
@@ -339,12 +346,17 @@ class Place:
         swings = np.sort(found.imag)[n:]  # one of each pair
         return np.asarray(swings[: self.stored.frequencies_hz.size] / (2.0 * np.pi))
 
+    def _stiffness(self) -> Array:
+        """(n, n) K at the equilibrium, in which the closed points of bodies that touch stick."""
+        return closed_stiffness(self.stored.model, self.scene)
+
     def _contact_stiffness(self) -> Array:
         """(n, n) sum_p k_n (b_p - mu t_p) b_p^T of the module docstring."""
         model, contacts = self.stored.model, self.contacts
         rows = model.contact_rows.reshape(contacts.side.size, -1, model.mass.shape[0])
         found = np.zeros_like(model.mass)
-        for p, row in enumerate(rows):
+        for p in self.walls:
+            row = rows[p]
             pushed = row[0]
             if contacts.kind[p] == CYLINDER and contacts.spin[p]:
                 first, second = contacts.axes[p, :2]
@@ -358,8 +370,8 @@ class Place:
 
     def _clearance(self, gaps: Array) -> float:
         """The part of the smallest gap of the scene that is consumed; nan without a gap."""
-        given = np.array([contact.gap for contact in self.scene.contacts])
-        given = given[self.stored.model.points.contact]
+        given = np.array([contact.gap or 0.0 for contact in self.scene.contacts])
+        given, gaps = given[self.stored.model.points.contact[self.walls]], gaps[:, self.walls]
         if not np.any(given > 0.0):
             return float("nan")
         nearest = float(gaps[:, given > 0.0].min())
@@ -380,12 +392,12 @@ class Place:
             energy: its largest kinetic energy, J.
         """
         model, allowed = self.stored.model, ENERGY * energy
-        squares, shapes = scipy.linalg.eigh(model.elastic.stiffness, model.mass)
+        squares, shapes = scipy.linalg.eigh(self._stiffness(), model.mass)
         stable, rest = np.flatnonzero(squares > 0.0), np.zeros(squares.size)
         if not stable.size:
             return None
         shape = shapes[:, stable[0]] * np.sqrt(2.0 * allowed / squares[stable[0]])
-        moved = (model.contact_rows @ shape).reshape(contacts.side.size, -1)[:, 0]
+        moved = (model.contact_rows @ shape).reshape(contacts.side.size, -1)[self.walls, 0]
         far = moved[np.argmax(np.abs(moved))]
         shape *= -np.copysign(min(1.0, AWAY * line.amplitude / max(abs(far), TINY)), far)
         least = np.maximum(self._depths(contacts, rest), 0.0)
@@ -398,9 +410,9 @@ class Place:
         return None
 
     def _depths(self, contacts: Contacts, q: Array) -> Array:
-        """Depth (P,) of each contact point in its surface at the start of a march, m."""
+        """Depth (P,) of each point at a wall in its surface at the start of a march, m."""
         x = self.stored.model.contact_displacement(q).reshape(contacts.side.size, -1)
-        return np.array([penetration(contacts, p, at, 0.0) for p, at in enumerate(x)])
+        return np.array([penetration(contacts, int(p), x[p], 0.0) for p in self.walls])
 
     def _given(self, stored: StoredModel, before: Line | None) -> tuple[Array, Array] | None:
         """The end of a line in the coordinates of a model at this speed; None without a line."""

@@ -32,7 +32,7 @@ from fenicsrom.online.contact.state import (
     zero_contact_state,
 )
 from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.online.contact.together import LOOSE, Springs, require_planes
+from fenicsrom.online.contact.together import LOOSE, Springs
 
 SLIDE = 1e-3
 """Slide in the equilibrium, by the extent of the mesh, from which the user is warned."""
@@ -103,7 +103,6 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
     Raises:
         ConvergenceError: nothing presses on a piece that contacts hold, or no equilibrium was
             found.
-        SceneError: a round surface presses on a body.
     """
     rows, rest, load = body.contact_rows, np.zeros(body.local), body.static_load
     u = rest
@@ -129,9 +128,7 @@ def bring_together(body: Any, contacts: Contacts, bends: bool) -> Array:
 
         start = Springs(body.joint.springs, body.joint.reference)
         body.joint = Joint(body, rows, *together.bring_together(contacts, start, solve, free))
-        x = body.contact_displacement(u)
-        require_planes(contacts, body.points, x, body.source)
-        _note_slide(body, x)
+        _note_slide(body, body.contact_displacement(u))
         if bends:
             statics.finish(u, load)
         else:

@@ -50,7 +50,7 @@ from fenicsrom.online.contact.points import (
     points_on,
 )
 from fenicsrom.online.contact.surfaces import frame, surface_normal
-from fenicsrom.online.contact.together import all_closed, sticking
+from fenicsrom.online.contact.together import all_closed, require_planes, sticking
 from fenicsrom.online.model.loads import PressurePolynomial, histories_of
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial
 from fenicsrom.reduction.basis import strain_products
@@ -109,6 +109,7 @@ class Solid(ElasticBody):
         interface: (m, k) combinations of contact forces for the static modes, or None.
         deflections: (local, k) nonlinear static deflections of the first of several bases, or None.
         joined: whether there are contacts between bodies; their closed points are in the `factor`.
+        contacts: the contacts at the points, if `joined`.
         pairs: a sentence on each of them, and on each tie.
         tied: (k, d) the places of the nodes of each tie, m.
         probe_rows: (d, local) displacement of the probe in global axes; (0, local) without a probe.
@@ -162,7 +163,7 @@ class Solid(ElasticBody):
         set_bolts(self, self._places, scene.bolts)
         self.joined = scene.joined
         if self.joined:
-            self._contacts = contacts_of(scene, self.points)
+            self.contacts = contacts_of(scene, self.points)
             self._paired = paired(scene, self.points)
             self.joint = self._closed_joint()
             springs.append(self.joint.directions)
@@ -174,6 +175,7 @@ class Solid(ElasticBody):
         self._set_loads()
         self._set_probe([*filter(None, [scene.probe]), *(c.place for c in scene.contacts)])
 
+        self._several_speeds = scene.speeds_rpm is not None
         pushed = self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0
         self.loaded: bool = self.spins or bool(pushed) or not self.symmetric or self.joined
         self._known = known
@@ -182,7 +184,7 @@ class Solid(ElasticBody):
             self.unstable = known.unstable
             if self.joined:
                 x = self.contact_displacement(self.equilibrium)
-                self.joint = Joint(self, self.contact_rows, *sticking(self._contacts, x))
+                self.joint = Joint(self, self.contact_rows, *sticking(self.contacts, x))
             self._set_follower_loads()
         else:
             self._find_equilibrium()
@@ -212,12 +214,15 @@ class Solid(ElasticBody):
 
     def _closed_joint(self) -> Joint:
         """The joint of bodies that touch at all contact points."""
-        return Joint(self, self.contact_rows, *all_closed(self._contacts, self._paired))
+        return Joint(self, self.contact_rows, *all_closed(self.contacts, self._paired))
 
     def _bring_together(self) -> None:
         """Compute the equilibrium of bodies that touch; the factor and the load vectors follow."""
         self.joint = self._closed_joint()
-        self.equilibrium = bring_together(self, self._contacts, self._bends)
+        self.equilibrium = bring_together(self, self.contacts, self._bends)
+        if not self._several_speeds:  # a model of several speeds finds its equilibrium again
+            x = self.contact_displacement(self.equilibrium)
+            require_planes(self.contacts, self.points, x, self.source)
         if not self.symmetric:
             self._renew(self.factor)
         self._set_follower_loads()
@@ -258,7 +263,7 @@ class Solid(ElasticBody):
             d, rows = self.dimension, abs(self.contact_rows)
             of_points = scipy.sparse.kron(np.eye(rows.shape[0] // d), np.ones((d, d)))
             self.room = csr_array(self.room + self.product(rows, of_points))
-            self.joint = Rubbing(self, self._contacts, self.equilibrium)
+            self.joint = Rubbing(self, self.contacts, self.equilibrium)
         return self.joint
 
     @cached_property

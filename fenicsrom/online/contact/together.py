@@ -62,8 +62,8 @@ def sticking(contacts: Contacts, x: Array) -> Springs:
     return Springs(springs, reference)
 
 
-def _sliding(contacts: Contacts, x: Array) -> Springs:
-    """The same with the soft tangential springs of the search, where there are tangential ones."""
+def sliding(contacts: Contacts, x: Array) -> Springs:
+    """As `sticking`, with the soft tangential springs of the search in place of stiffer ones."""
     found = sticking(contacts, x)
     springs = found.springs.reshape(-1, contacts.axes.shape[1])
     springs[:, 1:] = SOFT * springs[:, :1] * (springs[:, 1:] > 0.0)
@@ -79,7 +79,7 @@ def all_closed(contacts: Contacts, paired: NDArray[np.bool_]) -> Springs:
     x = np.zeros(count * d)
     closed = paired | ((trial_forces(contacts, x) >= 0.0) & (contacts.kind == PLANE))
     x[::d] = np.where(closed, contacts.radius + 1.0, 0.0)
-    return _sliding(contacts, x)
+    return sliding(contacts, x)
 
 
 def bring_together(
@@ -110,7 +110,7 @@ def bring_together(
         shear = float(np.sum(np.abs(before.force(x))[~normal]))
         least = HELD if not changed and shear > FALLS * last else LEFT
         slides = shear > least * np.sum(np.maximum(trial_forces(contacts, x), 0.0))
-        now = _sliding(contacts, x)
+        now = sliding(contacts, x)
         changed = not np.array_equal(now.springs, before.springs)
         if not (changed or slides):
             return sticking(contacts, x)

@@ -294,6 +294,9 @@ SCHEME_TOLERANCE = {
 ENERGY_ERROR = 1e-2
 # a gain by friction in one step is rounding if it is smaller, relative to the energies
 ROUNDING = 1e-12
+# Smaller energies of a motion, relative to that of the contacts, are rounding: bodies that are
+# pressed together rest until something drives them.
+RESTING = 1e-7
 
 
 class EnergyErrors(NamedTuple):
@@ -302,7 +305,7 @@ class EnergyErrors(NamedTuple):
     Attributes:
         created: largest excess of the balance.
         lost: largest deficit of the balance.
-        energy: largest kinetic plus elastic energy.
+        energy: largest kinetic plus elastic energy, with `RESTING` times that of the contacts.
         work: largest work of the loads since the first record of the part.
         friction_gain: sum of all negative friction dissipation, with a positive sign.
         largest_friction_gain: the largest gain of one step.
@@ -325,10 +328,11 @@ def energy_errors(motion: Motion, part: slice | None = None) -> EnergyErrors:
     steps = np.diff(motion.friction_dissipation[part])
     damping_dissipation = motion.damping_dissipation[part]
     damped = float(damping_dissipation[-1] - damping_dissipation[0])
+    resting = RESTING * np.abs(motion.contact_energy[part])
     return EnergyErrors(
         created=float(np.max(imbalance)),
         lost=float(np.max(-imbalance)),
-        energy=float(np.max(motion.kinetic[part] + np.abs(motion.elastic[part]))),
+        energy=float(np.max(motion.kinetic[part] + np.abs(motion.elastic[part]) + resting)),
         work=float(np.max(np.abs(work - work[0]))),
         friction_gain=-float(np.sum(steps[steps < 0.0])),
         largest_friction_gain=-float(steps.min(initial=0.0)),

@@ -42,9 +42,11 @@ from fenicsrom.online.contact.surfaces import times_of_angles
 from fenicsrom.online.model.loads import largest
 from fenicsrom.online.model.model import Problem, ReducedModel
 from fenicsrom.online.motion.measures import STATE_NAMES
-from fenicsrom.online.motion.motion import Interrupted, Motion, check_scheme
+from fenicsrom.online.motion.motion import RESTING, Interrupted, Motion, check_scheme
 from fenicsrom.online.periodic import steady
 from fenicsrom.online.step.state import (
+    CONTACT,
+    ENERGY_SCALE,
     ITERATIONS,
     REJECTED,
     SIZE,
@@ -134,6 +136,8 @@ def initial_state(
     zero, force = np.zeros_like(q), model.load(0.0).copy()
     state.q[:], state.v[:], state.mean_velocity[:], state.load_vector[:] = q, v, v, force
     measure(model, contacts, state)
+    resting = RESTING * state.scalars[CONTACT]
+    state.scalars[ENERGY_SCALE] = max(state.scalars[ENERGY_SCALE], resting)
     if not scheme.discrete_gradient:
         _, nothing = model.elastic_over_step(zero, q, zero, 0.0, np.ones(1), np.zeros(1))
         residual = state.elastic_force + scheme.damping * model.mass_times(v) - force

@@ -17,6 +17,9 @@ where R_m, Φ and θ are the interface modes, the normal modes and the modal der
 model, each v of them as v − R_m Bᵀ v (`fenicsrom.reduction.basis`). The model on (2) is exact on
 its subspace, and is one like any other. A larger model judges it: more modes, static responses to
 the loads, and combinations of the derivatives along interface modes.
+
+Bodies that touch are brought together without friction at each speed
+(`fenicsrom.online.contact.together`). The springs of their closed points belong to T, but not to f.
 """
 
 from __future__ import annotations
@@ -31,6 +34,9 @@ import scipy.linalg
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
+from fenicsrom.online.contact.points import closed_springs
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.contact.together import sliding
 from fenicsrom.online.model.loads import static_factors
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.polynomial import ElasticPolynomial, paired_cubic, unique_cubic
@@ -42,7 +48,12 @@ from fenicsrom.online.model.subspace import (
     subspace_model,
 )
 from fenicsrom.online.model.turning import Turning, rest_row
-from fenicsrom.online.step.statics import dense_newton, force_and_tangent, in_load_steps
+from fenicsrom.online.step.statics import (
+    dense_newton,
+    force_and_tangent,
+    in_load_steps,
+    together,
+)
 
 NEXT_MODES = 3
 """Normal modes of the larger model above those of the model."""
@@ -147,6 +158,7 @@ class RangeModel:
         modes: number of normal modes of a model at one speed.
         masters: number of master displacements.
         errors: the errors between the speeds.
+        contacts: the contacts that hold bodies which touch; None of other bodies.
         finer: the range model of finer elements, which judges the mesh at each speed; None if
             there is none.
     """
@@ -163,6 +175,7 @@ class RangeModel:
     modes: int
     masters: int
     errors: RangeErrors
+    contacts: Contacts | None = None
     finer: RangeModel | None = None
 
     def under(self, **changes: Any) -> RangeModel:
@@ -212,21 +225,35 @@ class RangeModel:
         )
 
     def tangent(self, omega: float, q: Array) -> Array:
-        """The tangent (n, n) of `elastic` at q (n,)."""
-        return force_and_tangent(self.elastic(omega), q)[1]
+        """The tangent (n, n) at an equilibrium q (n,), with the springs of closed points."""
+        return force_and_tangent(self.elastic(omega), q)[1] + self.springs(q)
+
+    def springs(self, q: Array) -> Array:
+        """The stiffness (n, n) of the contact points that are closed at an equilibrium q (n,)."""
+        rows, contacts = self.model.contact_rows, self.contacts
+        if contacts is None:
+            return np.zeros_like(self.model.mass)
+        found = closed_springs(contacts, self.model.contact_offset + rows @ q)
+        return np.asarray((rows.T * found) @ rows)
 
     def equilibrium(self, omega: float) -> Array:
         """q_Ω (n,) at a speed in rad/s, under the static loads.
 
         Newton's method starts at the polynomial in Ω² through the equilibria of the basis, or, if
-        it does not converge from there, follows the equilibrium from rest.
+        it does not converge from there, follows the equilibrium from rest. Bodies that touch have
+        the first way only.
 
         Raises:
             ConvergenceError: there is no equilibrium.
         """
         known, at = self.speeds**2, omega**2
         weights = [np.prod([(at - b) / (a - b) for b in known if b != a]) for a in known]
-        found = self._newton(np.array(weights) @ self.equilibria, omega, 1.0)
+        start = np.array(weights) @ self.equilibria
+        if self.contacts is not None:
+            model = self.model._replace(elastic=self.elastic(omega))
+            x = model.contact_offset + model.contact_rows @ start
+            return together(model, self.contacts, sliding(self.contacts, x), start)
+        found = self._newton(start, omega, 1.0)
         if found is not None:
             return found
         found, reached = in_load_steps(
@@ -261,7 +288,7 @@ class RangeModel:
             ConvergenceError: there is no equilibrium.
         """
         q0, elastic = self._about(omega, nonlinear)
-        space = _Space(self, elastic)
+        space = _Space(self, elastic, q0)
         squares, z, labels, count = space.basis(interface_modes)
         whole = self._on(z, q0, elastic, self.velocity_matrix(omega))
         return _at_speed(whole, labels, count, squares[: self.modes])
@@ -275,12 +302,13 @@ class RangeModel:
     def _snapshot(self, omega: float) -> _Snapshot:
         """What the model shows at a speed in rad/s."""
         q, n = self.equilibrium(omega), self.model.size
-        tangent = self.tangent(omega, q)
+        tangent, elastic = self.tangent(omega, q), self.elastic(omega)
         squares, modes = scipy.linalg.eigh(
             tangent, self.model.mass, subset_by_index=(0, self.modes - 1)
         )
         along = (modes / np.sqrt(np.abs(squares))).T
-        changes = [0.5 * (self.tangent(omega, q + x) - self.tangent(omega, q - x)) for x in along]
+        both = [[force_and_tangent(elastic, q + sign * x)[1] for sign in (1, -1)] for x in along]
+        changes = [0.5 * (plus - minus) for plus, minus in both]
         bent = [changes[i] @ along[j] for i in range(self.modes) for j in range(i + 1)]
         solved = np.linalg.solve(tangent, np.column_stack([np.eye(n, self.masters), *bent]))
         return _Snapshot(
@@ -326,7 +354,10 @@ class RangeModel:
         for square, one in zip(map(float, squares), shown, strict=True):
             q = z.T @ model.mass @ (one.equilibrium[:, 0] - q0)
             rest.append(rest_row(turning, whole.elastic, square, q))
-        whole = whole._replace(turning=turning._replace(rest=np.array(rest)))
+        table = np.array(rest)
+        if self.contacts is not None and squares.size > 2:  # their forces change the energy, too
+            table[:, 2] = np.gradient(table[:, 1], squares, edge_order=2)
+        whole = whole._replace(turning=turning._replace(rest=table))
         found = self.tangent(omega, self.equilibrium(omega))
         return _at_speed(whole, labels, count, self._lowest(found))
 
@@ -351,7 +382,7 @@ class RangeModel:
     ) -> tuple[Array, dict[str, Array]]:
         """q_Ω (n,), and the columns (n,) of Z and of the larger model by label; as `at`."""
         q0, elastic = self._about(omega, nonlinear)
-        _, z, labels, _ = _Space(self, elastic).basis(interface_modes)
+        _, z, labels, _ = _Space(self, elastic, q0).basis(interface_modes)
         return q0, dict(zip(labels, z.T, strict=True))
 
     def _about(self, omega: float, nonlinear: bool) -> tuple[Array, ElasticPolynomial]:
@@ -366,10 +397,10 @@ class RangeModel:
 class _Space:
     """The vectors of (2) in a range model about its equilibrium."""
 
-    def __init__(self, whole: RangeModel, elastic: ElasticPolynomial):
-        """Store the range model, and its elastic force about the equilibrium."""
+    def __init__(self, whole: RangeModel, elastic: ElasticPolynomial, q0: Array):
+        """Store the range model, and its elastic force about the equilibrium q0 (n,)."""
         self.whole, self.elastic = whole, elastic
-        self.mass, self.tangent = whole.model.mass, elastic.stiffness
+        self.mass, self.tangent = whole.model.mass, elastic.stiffness + whole.springs(q0)
 
     def solve(self, block: Array) -> Array:
         """T⁻¹ times a block (n, k)."""
@@ -386,11 +417,12 @@ class _Space:
         v, m = whole.modes, whole.masters
         rows: Array = np.eye(m, n)
         more: Array = np.zeros((0, n))
-        if interface_modes:
+        if interface_modes or whole.contacts is not None:
             given = whole.model.contact_rows
             flexibility = given @ self.solve(given.T)
             ahead = np.linalg.eigh(0.5 * (flexibility + flexibility.T))[1].T[::-1] @ given
-            rows, more = ahead[:m], ahead[m : m + NEXT_INTERFACE_MODES]
+            rows, ahead = (ahead[:m], ahead[m:]) if interface_modes else (rows, ahead)
+            more = ahead[:NEXT_INTERFACE_MODES]
         attached = self.solve(np.concatenate([rows, more]).T)
         static = attached[:, :m] @ np.linalg.inv(rows @ attached[:, :m])
         named = _named(modes[:, :v], "V")

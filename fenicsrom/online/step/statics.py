@@ -25,7 +25,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
@@ -38,7 +37,7 @@ from fenicsrom.online.contact.state import (
     zero_contact_state,
 )
 from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.online.contact.together import LOOSE, Springs, all_closed, bring_together
+from fenicsrom.online.contact.together import LOOSE, Springs, bring_together, sliding
 from fenicsrom.online.kernels.dense import negative_eigenvalues
 from fenicsrom.online.model.loads import largest, static_factors
 from fenicsrom.online.model.model import Problem, ReducedModel
@@ -248,8 +247,11 @@ def equilibrium(problem: Problem) -> tuple[Array, int]:
     touching = statics.touches(q)
     if touching and statics.balanced(q):  # bodies that were brought together
         return q, 0
+    model = problem.model
+    if statics.held and isinstance(model, ReducedModel) and not model.pressure.numbers.size:
+        return statics.brought_together(q), 0
     if not touching:
-        is_free = problem.model.linear or not problem.contacts.preload.size
+        is_free = model.linear or not problem.contacts.preload.size
         unstable = 0 if is_free else statics.unstable(q)
         return (statics.downhill(q), unstable) if unstable else (q, 0)
     q, reached = in_load_steps(q, statics.newton, SMALLEST_PART)
@@ -264,13 +266,14 @@ def equilibrium(problem: Problem) -> tuple[Array, int]:
     return (statics.downhill(q), unstable) if unstable else (q, 0)
 
 
-def together(model: ReducedModel, contacts: Contacts, paired: NDArray[np.bool_]) -> Array:
+def together(model: ReducedModel, contacts: Contacts, start: Springs, q: Array) -> Array:
     """The equilibrium q (n,) of bodies that touch, brought together without friction.
 
     Args:
         model: the model, without follower pressures.
         contacts: its contacts.
-        paired: (P,) which of the points touch another body.
+        start: the springs of the points from which the search starts.
+        q: (n,) where it starts.
 
     Raises:
         ConvergenceError: there is no stable equilibrium, or nothing presses on a piece that
@@ -278,7 +281,6 @@ def together(model: ReducedModel, contacts: Contacts, paired: NDArray[np.bool_])
     """
     rows, offset = model.contact_rows, model.contact_offset
     load = model.loads @ static_factors(model.load_histories)
-    q: Array = np.zeros(model.size)
 
     def elastic(springs: Springs, q: Array) -> tuple[Array, Array]:
         force, tangent = force_and_tangent(model.elastic, q)
@@ -300,7 +302,7 @@ def together(model: ReducedModel, contacts: Contacts, paired: NDArray[np.bool_])
         q = found
         return np.asarray(offset + rows @ q)
 
-    closed = bring_together(contacts, all_closed(contacts, paired), solve)
+    closed = bring_together(contacts, start, solve)
     if negative := negative_eigenvalues(elastic(closed, q)[1]):
         reason = f"the equilibrium of the bodies that touch is unstable in {negative} directions"
         raise ConvergenceError(reason, q, kind=ErrorKind.INSTABILITY)
@@ -330,6 +332,7 @@ class _Statics:
         self.start, self.end = (zero_contact_state(count, dimension) for _ in range(2))
         # (P,) normal forces at rest, N: the pressure of the contacts that is added in parts
         self.pressed: Array = np.zeros(count)
+        self.held = False  # whether contacts hold the body at rest
         zero = np.zeros_like(model.load(0.0))
         self.rest = zero if problem.rest is None else problem.rest
         model.set_at_rest()
@@ -346,14 +349,36 @@ class _Statics:
         """Whether the contact forces at q (n,), after `touches`, balance body and static loads.
 
         The forces are compared by their responses with (K + c M)⁻¹, because K is singular where
-        contacts alone hold a part of the body.
+        contacts alone hold a part of the body. It is `held` if body and loads need them.
         """
         model, directions = self.model, self.scratch.directions
-        out_of_balance = model.elastic_at(q)[0] - model.loads @ static_factors(model.load_histories)
+        loads = model.loads @ static_factors(model.load_histories)
+        out_of_balance = model.elastic_at(q)[0] - loads
         settings = REGULAR, 0.0, self._tangent(q)
         y, unit, _ = model.solve_effective(*settings, out_of_balance.copy(), directions)
         pushed = unit @ (self.start.normal + self.start.friction).reshape(-1)
-        return mass_norm(model, y - pushed) <= BALANCED * mass_norm(model, pushed)
+        least = BALANCED * mass_norm(model, pushed)
+        self.held = mass_norm(model, y) > least
+        if self.held:
+            self.static_force = loads
+        return mass_norm(model, y - pushed) <= least
+
+    def brought_together(self, q: Array) -> Array:
+        """The equilibrium near q (n,) of bodies that touch, whose contacts or loads have changed.
+
+        Raises:
+            ConvergenceError: as `together`, or a round surface presses on the bodies.
+        """
+        x = np.asarray(self.model.contact_displacement(q)).copy()
+        found = together(self.model, self.contacts, sliding(self.contacts, x), q)
+        self.touches(found)
+        if not self.balanced(found):
+            raise ConvergenceError(
+                "a round surface presses on bodies that touch before the motion begins: give it a "
+                "larger gap, a gap and an approach, or waves of another phase",
+                found,
+            )
+        return found
 
     def _close(self, q: Array, contacts: Contacts) -> None:
         """Write the contact state at q (n,) to `start`."""

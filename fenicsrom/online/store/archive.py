@@ -29,8 +29,8 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints, contacts_of, paired
-from fenicsrom.online.contact.surfaces import history_of, speed_history
-from fenicsrom.online.contact.together import require_planes
+from fenicsrom.online.contact.surfaces import Coating, Contacts, history_of, speed_history
+from fenicsrom.online.contact.together import all_closed, require_planes
 from fenicsrom.online.model.bolts import Bolts
 from fenicsrom.online.model.disk_model import Sector
 from fenicsrom.online.model.loads import PressurePolynomial
@@ -91,6 +91,7 @@ class StoredModel(UnderScenes):
         whole: the model for a range of speeds from which the model at the speed of the scene
             follows; None of a model for one speed.
         trained: what the motions hold that chose the interface vectors; None without such vectors.
+        notes: notes on the solid of a model for a range of speeds (`fenicsrom.notes.packed`).
     """
 
     model: ReducedModel
@@ -111,6 +112,7 @@ class StoredModel(UnderScenes):
     unjudged: str = ""
     whole: RangeModel | None = None
     trained: Trained | None = None
+    notes: Sequence[Sequence[str]] = ()
 
     @property
     def meshes(self) -> Meshes | None:
@@ -209,13 +211,14 @@ class StoredModel(UnderScenes):
             for name, model in models.items()
         }
         found = replace(self, scene=scene, **changed)
+        moved = rest_changes(self.scene, scene)
         if self.whole is not None:
-            found = replace(found, whole=self.whole.under(**changes))
+            trained = self.trained and self.trained.after(moved)
+            found = replace(found, whole=self.whole.under(**changes), trained=trained)
             if scene.rotation != self.scene.rotation:
                 found = found.at_speed()
         found.require_size()
-        moved = rest_changes(self.scene, scene)
-        return found._together(self.scene.bolts, moved) if moved else found
+        return found._together(self.scene.bolts, moved) if moved and not self.whole else found
 
     def _together(self, before: Sequence[Bolt], changes: tuple[Change, ...]) -> StoredModel:
         """The model about the equilibrium of bodies that touch, found in all its coordinates.
@@ -240,7 +243,8 @@ class StoredModel(UnderScenes):
         pulled = every.bolts.pulled(every.elastic, pulls, scene.geometrically_nonlinear)
         every = every._replace(elastic=pulled)
         contacts = contacts_of(scene, every.points)
-        q = together(every, contacts, paired(scene, every.points))
+        closed = all_closed(contacts, paired(scene, every.points))
+        q = together(every, contacts, closed, np.zeros(every.size))
         every = about(every, q)
         require_planes(contacts, every.points, every.contact_offset, scene.source)
         modes = dict.fromkeys(range(1, self.frequencies_hz.size + 1), math.nan)
@@ -450,7 +454,7 @@ FORMS: dict[str, Callable[..., dict[str, Any]]] = {
 def makers(scene: Scene) -> dict[str, Any]:
     """The functions that make records again from what a file keeps of them and of its scene."""
     plain = ContactPoints, Bolts, PressurePolynomial, Turning, Recovery, ReactionTable, Deformation
-    more = RangeModel, RangeErrors, Trained, Sector
+    more = RangeModel, RangeErrors, Trained, Sector, Contacts, Coating
     return {kind.__name__: kind for kind in (*plain, *more)} | {
         "ElasticPolynomial": _polynomial,
         "ReducedModel": partial(reduced_model, load_histories=load_histories(scene)),

@@ -22,6 +22,7 @@ from fenicsrom.scene.reading.overrides import override_in_si, override_texts
 # keys of a contact and of its surface on which the offline stages depend
 CONTACT_KEYS = ("place", "normal", "against", "neighbour", "reach", "surface")
 REST_KEYS = ("preload", "gap", "approach", "normal_stiffness", "tangential_stiffness")
+SPEED_KEYS = ("speed_rpm", "history")
 SURFACE_KEYS = ("kind", "point", "axis", "inside")  # the frames of the contact points follow
 
 # keys of [time] that only determine when a run ends
@@ -70,16 +71,28 @@ def first_difference(one: Any, other: Any, names: Iterable[str]) -> str | None:
 
 
 def rest_changes(made: Scene, wanted: Scene) -> tuple[Change, ...]:
-    """What moves the equilibrium of bodies that touch; nothing of other bodies."""
-    tables = {"contacts": REST_KEYS, "bolts": ("force",)} if made.joined else {}
-    found = []
-    for table, names in tables.items():
-        for k, pair in enumerate(zip(getattr(made, table), getattr(wanted, table), strict=True)):
-            for name in names:
-                was, now = (getattr(one, name) for one in pair)
-                if was != now:
-                    found.append((f"{table}.{k}.{name}", was, now))
-    return tuple(found)
+    """What moves the equilibrium of bodies that touch; nothing of other bodies.
+
+    The speed of a model for a range of speeds counts if motions chose its interface vectors.
+    """
+    if not made.joined:
+        return ()
+    one, other = (_at_rest(scene) for scene in (made, wanted))
+    return tuple((key, was, other[key]) for key, was in one.items() if was != other[key])
+
+
+def _at_rest(scene: Scene) -> dict[str, Any]:
+    """The values on which the equilibrium of bodies that touch depends, by their keys."""
+    tables = {"contacts": REST_KEYS, "bolts": ("force",)}
+    found = {
+        f"{table}.{k}.{name}": getattr(one, name)
+        for table, names in tables.items()
+        for k, one in enumerate(getattr(scene, table))
+        for name in names
+    }
+    if scene.rotation is not None and scene.speeds_rpm and scene.basis.masters == "motion":
+        found |= {f"rotation.{name}": getattr(scene.rotation, name) for name in SPEED_KEYS}
+    return found
 
 
 def changed_path(made: Scene, wanted: Scene) -> str | None:
@@ -98,8 +111,9 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
 
     A stored model allows other sizes and histories of the loads that vary, another damping, other
     contact parameters and another time integration, bodies that touch other forces of the bolts,
-    and a disk another mistuning and other damping ratios. The equilibrium of bodies that touch in a
-    disk, or under follower pressures, stays. The mesh file may be in another folder.
+    and a disk another mistuning and other damping ratios. The contacts and bolts of bodies
+    that touch stay in a disk, in a range of speeds, and under follower pressures. The mesh file may
+    be in another folder.
     """
     wanted = _with_allowed(made, wanted)
     names = "geometry geometrically_nonlinear materials supports attachments bolts ties rotation"
@@ -168,7 +182,8 @@ def shares_model(made: Scene, wanted: Scene) -> bool:
 
 def _keeps_rest(made: Scene) -> bool:
     """Whether the equilibrium of bodies that touch cannot be found again without a mesh."""
-    return made.joined and (made.cyclic is not None or bool(made.followers))
+    several = made.cyclic is not None or made.speeds_rpm is not None
+    return made.joined and (several or bool(made.followers))
 
 
 def _with_allowed(made: Scene, wanted: Scene) -> Scene:

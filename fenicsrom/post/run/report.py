@@ -12,7 +12,7 @@ from fenicsrom.assess.errors.comparisons import of_model
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.sizing import Sized
 from fenicsrom.assess.errors.verdicts import CONTACT, contact_quantities, multiplicity_warnings
-from fenicsrom.notes import Note, NoteKind
+from fenicsrom.notes import Note, NoteKind, unpacked
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion import measures
 from fenicsrom.online.motion.motion import Motion
@@ -226,12 +226,12 @@ def range_sentence(stored: StoredModel) -> str | None:
 
 
 def range_warnings(stored: StoredModel) -> list[Note]:
-    """Warn of a model for a range of speeds that is less accurate than its basis shall be."""
-    sentence, accuracy = range_sentence(stored), stored.scene.basis.accuracy
+    """The notes on a model for a range of speeds, and whether it is less accurate than it shall."""
+    sentence, accuracy, found = range_sentence(stored), stored.scene.basis.accuracy, stored.notes
     if stored.whole is None or np.max(stored.whole.errors[1:]) <= accuracy:
-        return []
+        return unpacked(found)
     text = f"{sentence} This is above basis.accuracy = {accuracy:g}: add a speed between them"
-    return [Note(NoteKind.ERROR, text, "rotation.speeds_rpm")]
+    return [*unpacked(found), Note(NoteKind.ERROR, text, "rotation.speeds_rpm")]
 
 
 def resumed_sentence(motion: Motion) -> str | None:

@@ -67,8 +67,6 @@ def joined_problems(scene: Scene) -> Problems:
             yield Problem(f"contacts[{k}].neighbour", "only allowed with [cyclic]")
     for k in scene.followers if scene.cyclic is not None else ():
         yield Problem(f"loads[{k}].follower", f"must be false in a disk {why}")
-    if scene.speeds_rpm is not None:
-        yield Problem("rotation.speeds_rpm", f"not allowed {why}: give one speed")
     basis = scene.basis
     allowed = {
         "basis.method": ("rubin",),
@@ -144,7 +142,6 @@ def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
 
 
 WITHOUT_PAIRS = {
-    "map": "they close and open with the speed of rotation",
     "stability": "its axes scale each contact by the stiffness of a body that supports hold",
     "export": "other programs have no contact that is averaged between two meshes",
 }
@@ -159,10 +156,7 @@ def require_no_pairs(scene: Scene, command: str) -> None:
     """
     for k, contact in enumerate(scene.contacts):
         if contact.against is not None:
-            why = f", because {WITHOUT_PAIRS[command]}" if command in WITHOUT_PAIRS else ""
-            allowed = f"not allowed in fenicsrom {command}{why}; contacts between bodies are "
-            allowed += "allowed in fenicsrom run, sweep, modes, plan, response, backbone, "
-            allowed += "ringdown, statics, compare and campbell"
+            allowed = f"not allowed in fenicsrom {command}, because {WITHOUT_PAIRS[command]}"
             where = Where(scene.source, f"contacts[{k}].against")
             raise where.refuse(contact.against, allowed, ErrorKind.CONFLICT)
 
