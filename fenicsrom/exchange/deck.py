@@ -64,7 +64,7 @@ def scene_deck(scene: Scene, *, frequencies: bool = False) -> Deck:
     Raises:
         SceneError: the mesh or a place cannot be used, or the deck cannot hold the scene.
     """
-    require_no_pairs(scene, "export")
+    require_no_pairs(scene)
     require_no_sector(scene, "export")
     for k, found in enumerate(scene.attachments):
         if found.to is not None:

@@ -77,7 +77,7 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
             another scene would be replaced.
         OSError: a file cannot be written.
     """
-    require_no_pairs(stored.scene, "export")
+    require_no_pairs(stored.scene)
     scene = path.with_suffix(".toml")
     if form != "fmu":
         _require_own(scene)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 from fenicsrom.scene import Rotation, Scene
 from fenicsrom.scene.base.rules import Where
-from fenicsrom.scene.checks.contact_checks import require_no_pairs
 from fenicsrom.study.execution import all_ranks, run
 from fenicsrom.study.given import starts_from
 from fenicsrom.study.writing import written
@@ -187,8 +186,7 @@ def stability(
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.studies import stability as extremes
-    from fenicsrom.scene import override_texts, read_scene
+    from fenicsrom.scene import override_texts
 
-    require_no_pairs(read_scene(scene, overrides), "stability")
     found = extremes.stability(scene, override_texts(overrides), axes, variants=variants, seed=seed)
     return written(found, folder)

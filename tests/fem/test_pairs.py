@@ -16,6 +16,8 @@ from support import refusal
 import fenicsrom as fr
 from fenicsrom.assess.curves.response_problem import scenes_of_curves
 from fenicsrom.assess.errors.plausibility import turns
+from fenicsrom.assess.studies.axes import cases_of, scales_of
+from fenicsrom.assess.studies.stability import Verdict, build, examine
 from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.exchange.deck import scene_deck
 from fenicsrom.fem.body import pairs
@@ -32,7 +34,7 @@ from fenicsrom.post.run.summary import quantities, unjudged
 from fenicsrom.reduction import training
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.snapshots import Snapshots
-from fenicsrom.scene import Families, Response, Scene, make_scene
+from fenicsrom.scene import Families, Response, Scene, make_scene, scene_table
 from fenicsrom.study.building import contact_frequencies
 from fenicsrom.study.offline_cache import modes_table
 from fenicsrom.study.stage import Run
@@ -445,9 +447,61 @@ def test_runs_share_the_model_and_the_cache_of_a_joint_if_they_share_its_equilib
     assert shares_model(scene, other) == (modes_table(scene) == modes_table(other)) == shared
 
 
-def test_commands_that_do_not_take_pairs_refuse_them() -> None:
-    with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="its axes scale each contact"):
-        fr.stability(Path("demos/lap_joint.toml"))
+PLANE = {"plane": {"point": [0.0, 0.05], "normal": [0.0, 1.0]}}
+BOX = {"box": [[-0.01, 0.04], [0.11, 0.06]]}
+HELD: dict[str, Any] = {
+    "supports": [{"group": "0 low y"}, {"group": "1 high y"}],
+    "loads": [{"group": "1 low y", "force": 1.0, "direction": [0.0, 1.0], "frequency": 1.0}],
+}
+
+
+@pytest.mark.parametrize(
+    ("contact", "finer"),
+    [
+        ({"group": "1 low y", "against": PLANE}, 4),
+        ({**BOX, "against": "0 high y"}, 4),
+        ({**PLANE, "against": BOX}, 4),
+        ({**PLANE, "against": BOX}, 3),  # the lower body has the smaller facets
+    ],
+)
+def test_contact_by_a_box_or_a_plane_is_that_of_the_groups(
+    tmp_path: Path, contact: dict[str, Any], finer: int
+) -> None:
+    mesh = stacked(tmp_path / "two.vtu", 2, finer, 7 - finer)
+    names = {"group": "1 low y", "against": "0 high y"}
+    if finer == 3:
+        names = {"group": "0 high y", "against": "1 low y"}
+    found, expected = (solid(scene_of(mesh, 2, one, **HELD)) for one in (contact, names))
+    assert abs(found.contact_rows - expected.contact_rows).max() == 0.0
+    np.testing.assert_array_equal(found.against[0], expected.against[0])
+
+
+@pytest.mark.parametrize(
+    ("contact", "reason"),
+    [
+        ({**PLANE, "against": PLANE}, "facets of several bodies"),
+        ({"group": "0 high y", "against": {"box": [[0.0, 0.0], [0.2, 0.0]]}}, "one body only"),
+    ],
+)
+def test_ambiguous_boxes_of_a_contact_are_refused(
+    tmp_path: Path, contact: dict[str, Any], reason: str
+) -> None:
+    lower = ((0.0, 0.0), (0.1, 0.05), (2, 2))
+    upper = [((x, 0.05), (x + 0.04, 0.1), (2, 2)) for x in (0.0, 0.05)]
+    mesh = blocks(tmp_path / "three.vtu", lower, *upper)
+    with refusal(ErrorKind.PLACE, "contacts[0].against", names=reason):
+        solid(scene_of(mesh, 2, contact, **HELD))
+
+
+def test_contact_against_a_region_names_one(tmp_path: Path) -> None:
+    mesh = stacked(tmp_path / "two.vtu", 2, 3, 4)
+    with refusal(ErrorKind.MISSING, "contacts[0].against.group"):
+        scene_of(mesh, 2, {"group": "1 low y", "against": {}}, **HELD)
+    with refusal(ErrorKind.CONFLICT, "contacts[0].against.box"):
+        scene_of(mesh, 2, {"group": "1 low y", "against": {"group": "0 high y", **BOX}}, **HELD)
+
+
+def test_export_refuses_pairs() -> None:
     with refusal(ErrorKind.CONFLICT, "contacts[0].against", names="averaged between two meshes"):
         scene_deck(lap())
 
@@ -676,3 +730,28 @@ def test_linear_transient_of_pressed_bodies_without_loads_is_rest() -> None:
     body = solid(scene)
     modes = component_modes(body, scene.basis)
     assert not Snapshots(body, scene, modes).linear.coordinates.any()
+
+
+def test_stability_of_bodies_that_touch_scales_their_own_contacts(tmp_path: Path) -> None:
+    scene = scene_of(
+        stacked(tmp_path / "two.vtu", 2, 2, 3),
+        2,
+        {"group": "1 low y", "against": "0 high y", "normal_stiffness": 1e14},
+        supports=[{"group": "0 low y"}],
+        loads=[
+            {"group": "1 high y", "pressure": 1e6},
+            {"group": "1 high x", "force": 5e4, "direction": [1.0, 0.0], "frequency": 1000.0},
+        ],
+        material=STEEL | {"mass_damping": 200.0},
+        time={"periods": 3, "steps_per_period": 40},
+    )
+    body = solid(scene)
+    scales = scales_of(build(scene, "reduced")[0], scene)
+    squares = body.eigenmodes(body.factor, 1)[0]
+    assert scales.omega == pytest.approx(np.sqrt(squares[0]), rel=1e-6)
+    cases, left_out = cases_of(scene, scales, ["contact stiffness", "tolerance"])
+    assert [case.value for case in cases][2] == "1 times the scene's"
+    assert "contacts.0.normal_stiffness=100000000000000.0" in cases[2].overrides
+    assert len(left_out) == 1
+    found = examine(cases[2], scene_table(scene), "two.toml", tmp_path)
+    assert found.verdict in (Verdict.CONVERGED, Verdict.UNSTEADY), found.why

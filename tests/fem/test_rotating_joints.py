@@ -348,7 +348,7 @@ def test_map_of_a_blade_root_and_its_casing_shows_the_casing(root: Any) -> None:
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(finer, "LARGEST", 0)
-        place = Place(fr.build_model(scene), scene.at_speed(7000.0), lambda: False)
+        place = Place(fr.build_model(scene), scene.at_speed(7000.0))
     line = place.line(False, None)
     alone = hertz(solid(blade(mesh, 7000.0, contacts=[*flanks, wall | {"gap": 1.0}])))
     np.testing.assert_allclose(line.free_hz, alone[:3], rtol=1e-6)

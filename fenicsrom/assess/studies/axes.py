@@ -21,6 +21,7 @@ import numpy as np
 import scipy.linalg
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.plausibility import closed_stiffness
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.online.contact.points import shares
 from fenicsrom.online.model.model import ReducedModel
@@ -46,16 +47,24 @@ class Scales:
         preload: for each contact, the `preload` that buckles the body; None if nothing presses on
             the body, or if no preload buckles it.
         omega: first natural frequency of the reduced model about its equilibrium, rad/s.
+        whose: whose stiffness those of the contacts are. Bodies that contacts hold have none of
+            their own, so with contacts between bodies it is that of the scene's contacts.
     """
 
     normal_stiffness: tuple[float, ...]
     tangential_stiffness: tuple[float, ...]
     preload: tuple[float, ...] | None
     omega: float
+    whose: str = "the body's"
 
 
 def scales_of(model: ReducedModel, scene: Scene) -> Scales:
     """Compute the scales of a scene from its reduced model."""
+    if scene.joined:
+        pairs = [(one.normal_stiffness, one.tangential_stiffness) for one in scene.contacts]
+        squares = scipy.linalg.eigh(closed_stiffness(model, scene), model.mass, eigvals_only=True)
+        along, across = zip(*pairs, strict=True)
+        return Scales(along, across, None, float(np.sqrt(max(squares[0], 0.0))), "the scene's")
     share = shares(scene, model.points)
     stiffness = [_body_stiffness(model, share, k) for k in range(len(scene.contacts))]
     squares = scipy.linalg.eigh(_symmetric_stiffness(model), model.mass, eigvals_only=True)
@@ -258,12 +267,13 @@ def _scene(scene: Scene, scales: Scales) -> Values:
 
 def _contact_stiffness(scene: Scene, scales: Scales) -> Values:
     factors = (1e-4, 1e-2, 1.0, 1e2, 1e4)
-    return {f"{x:g} times the body's": contact_stiffness(scene, scales, x, x) for x in factors}
+    return {f"{x:g} times {scales.whose}": contact_stiffness(scene, scales, x, x) for x in factors}
 
 
 def _stiffness_apart(scene: Scene, scales: Scales) -> Values:
+    whose = scales.whose
     return {
-        f"normal {n:g}, tangential {t:g} times the body's": contact_stiffness(scene, scales, n, t)
+        f"normal {n:g}, tangential {t:g} times {whose}": contact_stiffness(scene, scales, n, t)
         for n, t in ((1e-3, 1e3), (1e3, 1e-3), (1e4, 1.0), (1.0, 1e6))
     }
 
@@ -343,6 +353,8 @@ def _steps(scene: Scene, scales: Scales) -> Values:
 
 
 def _tolerance(scene: Scene, scales: Scales) -> Values:
+    if scene.joined:
+        raise LeftOut("bodies that touch need a fixed step")
     return {f"{t:g}": (f"time.tolerance={t!r}",) for t in (1e-1, 1e-2, 1e-3, 1e-5)}
 
 
@@ -377,12 +389,14 @@ def _derivatives(scene: Scene, scales: Scales) -> Values:
         raise LeftOut("the scene is geometrically linear")
     other = "craig-bampton" if scene.basis.method == "rubin" else "rubin"
     more = f"basis.modes={_mode_count(scene) + 1}"
-    return {
+    found: Values = {
         "none": ("basis.derivatives='none'",),
         "all": ("basis.derivatives='all'",),
         "all of one mode more": ("basis.derivatives='all'", more),
-        f"all, {other}": (f"basis.method='{other}'", "basis.derivatives='all'"),
     }
+    if scene.joined:
+        return found
+    return found | {f"all, {other}": (f"basis.method='{other}'", "basis.derivatives='all'")}
 
 
 def _speed(scene: Scene, scales: Scales) -> Values:

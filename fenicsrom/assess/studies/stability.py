@@ -194,12 +194,15 @@ def build(scene: Scene, model: str) -> tuple[Any, Reduction | None, Any]:
     from fenicsrom.fem.solid.solid import build_solid
     from fenicsrom.reduction.beam import beam_model
     from fenicsrom.reduction.stages import Reduction
+    from fenicsrom.reduction.training import motion_of_scene, train
 
     if model == "beam":
         return beam_model(scene), None, None
     solid = build_solid(scene, MPI.COMM_SELF)
     if model == "full":
         return full_model(solid), None, None
+    if scene.basis.masters == "motion":
+        train(solid, scene, lambda each: motion_of_scene(each.model, scene), [scene])
     found = Reduction(solid, scene, lambda stage: nullcontext())
     return found.model, found, solid
 
@@ -353,7 +356,7 @@ def stability(
 
     Raises:
         SceneError: the scene itself is wrong, nothing moves in it, there is no such axis, or axes
-            and random variants are given together.
+            and random variants are given together; or random variants of bodies that touch.
         ConvergenceError, AccuracyError: the reduced model of the scene itself cannot be made.
     """
     begin = clock.perf_counter()
@@ -368,6 +371,9 @@ def stability(
 
     table, scene = load(path, changes)
     require_motion(scene, "stability")
+    if variants and scene.joined:
+        reason = "not allowed with a contact against a region, without which a variant may be"
+        raise refuse(f"--random {variants}", reason, ErrorKind.CONFLICT)
     polynomial = scene_of(table, scene.source, path.parent, ["basis.elastic_force='polynomial'"])
     model, built, _ = build(polynomial, "reduced")
     assert built is not None

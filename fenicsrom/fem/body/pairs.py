@@ -16,6 +16,7 @@ In a disk, B may be a region of the neighbouring sector: turned by T, u_B(Y) is 
 neighbour moves in its own frame.
 """
 
+from collections.abc import Sequence
 from copy import copy
 from typing import Any, NamedTuple
 
@@ -27,6 +28,7 @@ from scipy.spatial import cKDTree
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
+from fenicsrom.fem.body.supports import node_pieces
 from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints, points_on
@@ -304,7 +306,7 @@ def opposite(
     seen = distance <= (np.finfo(float).max if pair.reach is None else pair.reach)
     if not seen.any():
         far = np.min(np.where(np.isfinite(distance), distance, np.linalg.norm(x - y, axis=1)))
-        reason = f"no facet of {pair.against!r} lies opposite those of the other region"
+        reason = f"no facet of {_named(pair)} lies opposite those of the other region"
         reason = f"{reason} within its reach; the nearest is {far:.3g} m away{elsewhere}"
         raise _refused(body, reason, key)
     if np.any(np.einsum("qd,qd->q", outer, normal)[seen] < FACING):
@@ -313,7 +315,7 @@ def opposite(
     away = np.flatnonzero(seen & (distance > INSIDE * a.size.mean()))
     seen[away] = ~np.any([other.crosses(x[away], y[away]) for other in others], axis=0)
     if not seen.any():
-        reason = f"other facets lie between the region and {pair.against!r}{elsewhere}"
+        reason = f"other facets lie between the region and {_named(pair)}{elsewhere}"
         raise _refused(body, reason, key)
     size = body.size // body.dimension
     return Opposite(
@@ -328,10 +330,12 @@ def opposite(
     )
 
 
-def sides_of(body: Any, regions: dict[str, Region], key: str) -> tuple[Side, Side, Side]:
+def sides_of(
+    body: Any, regions: dict[str, Region], key: str, beside: bool = False
+) -> tuple[Side, Side, Side]:
     """The two regions of a contact or tie by their keys, and the rest of the surface. Collective.
 
-    Errors as `pair_rows`.
+    The second region may be one of the next sector (`beside`). Errors as `pair_rows`.
     """
     if body.slanted is not None:
         raise _refused(body, "supports must hold along the axes (components, not normal)", key)
@@ -339,12 +343,48 @@ def sides_of(body: Any, regions: dict[str, Region], key: str) -> tuple[Side, Sid
         if body.mesh.reaches_inside(region):
             raise _refused(body, "facets of the region lie inside a body; take its surface", where)
     facets = [*map(body.mesh.facets, regions.values())]
+    if not beside:
+        facets = _of_two_bodies(body, [*regions.values()], facets, key)
     others = np.setdiff1d(body.mesh.outside(), np.concatenate(facets))
     a, b, rest = (Side(body, found) for found in (*facets, others))
     if shared := len(np.intersect1d(a.nodes, b.nodes)):
         reason = f"the two regions share {counted(shared, 'node')}; give each body its own nodes, "
         raise _refused(body, f"{reason}and the first region by a group of one body", key)
     return a, b, rest
+
+
+def _of_two_bodies(
+    body: Any, regions: Sequence[Region], facets: Sequence[Ints], key: str
+) -> list[Ints]:
+    """The facets of two regions, without what a box or a plane holds of the body of the other one.
+
+    Where both are boxes or planes with the same two bodies, the smaller facets come first.
+    """
+    comm, free = body.comm, [region.group is None for region in regions]
+    if not any(free):
+        return [*facets]
+    pieces, cells = node_pieces(body.mesh, body.space)[0], body.space.dofmap.list
+    own = body.mesh.domain.topology.index_map(body.dimension - 1).size_local
+    found = [one[one < own] for one in facets]
+    of = [pieces[cells[body.mesh.sides(body.dimension - 1, one)[:, 0], 0]] for one in found]
+    every = [np.concatenate(comm.allgather(one)) for one in of]
+    first, second = map(np.unique, every)
+    if all(free) and first.size == second.size == 2 and np.array_equal(first, second):
+        size = Side(body, found[0]).size
+        first, second = sorted(first, key=lambda one: size[every[0] == one].mean())
+        kept = of[0] == first, of[1] == second
+    elif all(free) and min(first.size, second.size) > 1:
+        reason = "both regions hold facets of several bodies; pick one body, or give a group"
+        raise _refused(body, reason, key)
+    elif free[1] and (not free[0] or first.size == 1):
+        kept = np.full(of[0].size, True), ~np.isin(of[1], first)
+    else:
+        kept = ~np.isin(of[0], second), np.full(of[1].size, True)
+    if not all(comm.allreduce(int(part.sum())) for part in kept):
+        reason = "the box or plane holds facets of one body only; bodies that share nodes are one "
+        reason += "(geometry.glue = false keeps those of a CAD file apart)"
+        raise _refused(body, reason, key)
+    return [one[part] for one, part in zip(found, kept, strict=True)]
 
 
 class Averages(NamedTuple):
@@ -386,7 +426,7 @@ def averages(
     kept = np.flatnonzero(area > LEAST_SHARE * whole)
     if not kept.size:
         share = f"{100.0 * LEAST_SHARE:g} % of the area of any node of the first region"
-        reason = f"less than {share} lies opposite {pair.against!r}; refine its facets, or "
+        reason = f"less than {share} lies opposite {_named(pair)}; refine its facets, or "
         raise _refused(body, f"{reason}exchange group and against", key)
     longest_last = np.argsort(-np.ptp(x[kept], axis=0).round(9), kind="stable")[::-1]
     kept = kept[np.lexsort(x[kept][:, longest_last].round(12).T)]
@@ -410,11 +450,13 @@ class PairRows(NamedTuple):
         own: sparse rows (P d, local) of (1) in the local frames, for the displacements of the body.
         ahead: the same for those of the next sector, in the sense of counting; else zero.
         points: the points.
+        against: the nodes of the second region on this rank.
     """
 
     own: csr_array
     ahead: csr_array
     points: ContactPoints
+    against: Ints
 
 
 def _of_neighbour(cut: Any, sides: tuple[Side, ...]) -> tuple[tuple[Side, ...], int, Array]:
@@ -445,9 +487,10 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
             lie between them, or A lies inside B and the scene gives no gap.
     """
     place, d = f"contacts[{number}]", body.dimension
-    key, second = f"{place}.against", Region(group=contact.against)
+    key, beside = f"{place}.against", contact.neighbour
     sense, turn = 0, np.eye(3)
-    sides: tuple[Side, ...] = sides_of(body, {f"{place}.group": contact.place, key: second}, key)
+    both = {f"{place}.group": contact.place, key: contact.other}
+    sides: tuple[Side, ...] = sides_of(body, both, key, beside)
     if contact.neighbour:
         sides, sense, turn = _of_neighbour(body.cut, sides)
     _require_range(body, contact, place, sides)
@@ -460,7 +503,7 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
     depth = -float(gap.min())
     if contact.has_mesh_gaps and depth > INSIDE * sides[0].size.mean():
         worst = x[np.argmin(gap)].round(6).tolist()
-        reason = f"the first region lies up to {depth:.3g} m inside {contact.against!r}, near "
+        reason = f"the first region lies up to {depth:.3g} m inside {_named(contact)}, near "
         reason += f"{worst}; correct the mesh, or give contacts.gap{_elsewhere(body, contact)}"
         raise _refused(body, reason, key)
     turned = scipy.sparse.bsr_array((frames, np.arange(len(x)), np.arange(len(x) + 1)))
@@ -472,7 +515,9 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
     own, ahead = rows if sense else (rows[0], csr_array(rows[0].shape))
     used = gap if contact.has_mesh_gaps else np.full(len(x), contact.gap or 0.0)
     tell(body, contact, place, around, used, sides[:2])
-    return PairRows(own, ahead, points_on(number, around.area, x, frames, gap=gap))
+    points = points_on(number, around.area, x, frames, gap=gap)
+    nodes = body.space.dofmap.index_map.global_to_local(np.unique(sides[1].nodes))
+    return PairRows(own, ahead, points, nodes[nodes >= 0])
 
 
 def modulus_of(body: Any, sides: tuple[Side, ...]) -> float:
@@ -503,16 +548,21 @@ def tell(
     a, b = (float(side.size.mean()) for side in sides)
     of = " of the next sector" * (isinstance(pair, Contact) and pair.neighbour)
     text = (
-        f"{place}: {counted(len(area), 'point')} against {pair.against!r}{of} on "
+        f"{place}: {counted(len(area), 'point')} against {_named(pair)}{of} on "
         f"{area.sum():.4g} m² of {around.whole:.4g} m², gaps {gap.min():.3g} to {gap.max():.3g} m"
     )
     body.pairs.append(text)
     if a > COARSER * b:
         text = (
             f"{place}: the facets of the region are {a / b:.2g} times as large as those of "
-            f"{pair.against!r}, whose nodes may pass between its points: exchange the two"
+            f"{_named(pair)}, whose nodes may pass between its points: exchange the two"
         )
         body.warnings.append(Note(NoteKind.IMPLAUSIBLE, text, place))
+
+
+def _named(pair: Contact | Tie) -> str:
+    """The second region in words."""
+    return repr(pair.against) if isinstance(pair.against, str) else "the other region"
 
 
 def _elsewhere(body: Any, pair: Contact | Tie) -> str:

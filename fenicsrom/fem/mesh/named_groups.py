@@ -38,7 +38,7 @@ def _named(scene: Scene) -> Iterator[tuple[str, str | None, str]]:
     for k, contact in enumerate(scene.contacts):
         kind = ANY if contact.against is None else FACETS
         yield f"contacts[{k}].group", contact.place.group, kind
-        yield f"contacts[{k}].against", contact.against, kind
+        yield f"contacts[{k}].against", contact.other.group, kind
     for k, bolt in enumerate(scene.bolts):
         yield f"bolts[{k}].head", bolt.head, ANY
         yield f"bolts[{k}].nut", bolt.nut, ANY

@@ -41,6 +41,7 @@ from fenicsrom.fem.equilibrium.joined import Rubbing, bring_together
 from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
 from fenicsrom.fem.solid.plausibility import implausible_inputs, implausible_normals
+from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import (
     ContactPoints,
@@ -111,6 +112,7 @@ class Solid(ElasticBody):
         joined: whether there are contacts between bodies; their closed points are in the `factor`.
         contacts: the contacts at the points, if `joined`.
         pairs: a sentence on each of them, and on each tie.
+        against: the nodes of the second region of each of them, by its number.
         tied: (k, d) the places of the nodes of each tie, m.
         probe_rows: (d, local) displacement of the probe in global axes; (0, local) without a probe.
         probe_position: (3,) position of the probe, m.
@@ -329,6 +331,7 @@ class Solid(ElasticBody):
         """Find the contact points, their frames and their displacements."""
         d = self.dimension
         self.pairs: list[str] = []
+        self.against: dict[int, Ints] = {}
         self.interface: Array | None = None
         rows = [csr_array((0, self.local))]
         ahead = rows.copy()
@@ -340,6 +343,7 @@ class Solid(ElasticBody):
                 rows.append(csr_array(pairs.own + pairs.ahead))
                 ahead.append(pairs.ahead)
                 found.append(pairs.points)
+                self.against[k] = pairs.against
                 continue
             at, position, area = self._places.contact_points(contact.place, key)
             where = f"{self.source}: {key}"

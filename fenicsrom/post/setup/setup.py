@@ -194,9 +194,8 @@ def _regions(solid: Solid, scene: Scene) -> dict[str, Array]:
             fields[f"pressure {k}"] = solid.load_vector(load, f"loads[{k}]")
         if not load.everywhere and _is_region(load.place) and load.place.at == "mean":
             mark(f"load {k}", solid.mesh.nodes(load.place, solid.space))
-    for k, contact in enumerate(scene.contacts):
-        if contact.against is not None:
-            mark(f"against {k}", solid.mesh.nodes(Place(group=contact.against), solid.space))
+    for k, nodes in solid.against.items():
+        mark(f"against {k}", nodes)
     return fields
 
 

@@ -247,9 +247,14 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
 
 
 def regions(scene: Scene) -> list[tuple[str, Region]]:
-    """Give the supports and the places of a scene with their keys."""
+    """Give the supports, the places and the second regions of contacts with their keys."""
     supports = [(f"supports[{k}]", support) for k, support in enumerate(scene.supports)]
-    return [*supports, *_places(scene)]
+    seconds = [
+        (f"contacts[{k}].against", contact.against)
+        for k, contact in enumerate(scene.contacts)
+        if isinstance(contact.against, Region)
+    ]
+    return [*supports, *_places(scene), *seconds]
 
 
 def _places(scene: Scene) -> list[tuple[str, Place]]:

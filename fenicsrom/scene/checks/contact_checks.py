@@ -4,7 +4,7 @@ import math
 from functools import partial
 from operator import mul
 
-from fenicsrom.errors import ErrorKind
+from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base.rules import Problem, Problems, Where, order_problems
 from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.contacts import Contact, Surface, surface_spin
@@ -141,24 +141,17 @@ def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
             yield Problem(f"{key}.surface.waves[{index}]", allowed, ErrorKind.RANGE, value=order)
 
 
-WITHOUT_PAIRS = {
-    "stability": "its axes scale each contact by the stiffness of a body that supports hold",
-    "export": "other programs have no contact that is averaged between two meshes",
-}
-"""Why commands do not take contacts between bodies."""
-
-
-def require_no_pairs(scene: Scene, command: str) -> None:
-    """Check that a scene has no contacts between bodies, for a command that does not take them.
+def require_no_pairs(scene: Scene) -> None:
+    """Check that a scene has no contacts between bodies, for an export to another program.
 
     Raises:
         SceneError: it has some.
     """
     for k, contact in enumerate(scene.contacts):
         if contact.against is not None:
-            allowed = f"not allowed in fenicsrom {command}, because {WITHOUT_PAIRS[command]}"
-            where = Where(scene.source, f"contacts[{k}].against")
-            raise where.refuse(contact.against, allowed, ErrorKind.CONFLICT)
+            reason = "not allowed in fenicsrom export, because other programs have no contact that "
+            reason += "is averaged between two meshes"
+            raise refuse(scene.source, reason, ErrorKind.CONFLICT, f"contacts[{k}].against")
 
 
 def require_repeating(scene: Scene) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from fenicsrom.scene.base import rules
-from fenicsrom.scene.base.rules import choice, flag, integer, number, rows_of
+from fenicsrom.scene.base.rules import choice, either, flag, integer, number, rows_of
 from fenicsrom.scene.base.tables import table_of
 from fenicsrom.scene.keys import places
 from fenicsrom.scene.keys.rotation import Rotation
@@ -83,8 +83,9 @@ class Contact:
         place: where the contact is.
         normal: unit vector into a rigid plane; not with a surface.
         surface: a round rigid surface instead of the plane.
-        against: group of the facets of the other region, which share no node with those of the
-            first one; not with normal or surface.
+        against: the other region, a group of facets, or { box = .. } or { plane = .. }; not with
+            normal or surface. A box or a plane picks no facets of the bodies of the other group;
+            where two of them hold the same two bodies, that with the smaller facets comes first.
         neighbour: whether `against` is a region of the next sector; only with [cyclic].
         reach: facets at larger distances are not opposite one another; only with `against`.
         abradable: a layer on the surface that the body wears; not with a preload.
@@ -105,7 +106,9 @@ class Contact:
     place: Annotated[places.Place, places.Place]
     normal: Annotated[tuple[float, ...] | None, rules.direction] = None
     surface: Annotated[Surface | None, table_of(Surface)] = None
-    against: Annotated[str | None, rules.name] = None
+    against: Annotated[str | places.Region | None, either(rules.name, table_of(places.Region))] = (
+        None
+    )
     neighbour: Annotated[bool, flag] = False
     reach: Annotated[float | None, number(above=0.0, unit="m")] = None
     abradable: Annotated[Abradable | None, table_of(Abradable)] = None
@@ -122,6 +125,12 @@ class Contact:
     def has_region(self) -> bool:
         """Whether every node of a region is a contact point."""
         return self.place.at == "nodes" or self.against is not None
+
+    @property
+    def other(self) -> places.Region:
+        """The region `against` which the contact is."""
+        given = self.against
+        return given if isinstance(given, places.Region) else places.Region(group=given)
 
     @property
     def has_mesh_gaps(self) -> bool:

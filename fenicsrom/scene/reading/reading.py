@@ -353,7 +353,8 @@ def _complete_geometry(scene: Scene, folder: Path | None) -> Geometry:
         geometry = replace(geometry, plane="stress")
     pairs = [(one.place.group, one.against) for one in scene.contacts]
     pairs += [(one.group, one.against) for one in scene.ties]
-    apart = tuple((one, other) for one, other in pairs if one is not None and other is not None)
+    named = ((one, other) for one, other in pairs if isinstance(one, str))
+    apart = tuple((one, other) for one, other in named if isinstance(other, str))
     geometry = replace(geometry, apart=apart)
     if geometry.is_cad and geometry.meshing.near is None:
         keyed = [(f"supports[{k}].group", one.group) for k, one in enumerate(scene.supports)]
