@@ -185,7 +185,7 @@ def _strain_warnings(study: Study, motion: Motion) -> list[Note]:
     moved = float(abs(motion.displacement).max(initial=0.0))
     small = moved < LARGE_MOTION * study.solid.extent
     strains = not small and study.scene.output.stresses == "none"
-    if study.basis is None or not (strains or study.solid.joined):
+    if study.basis is None or not (strains or study.scene.joined):
         return []
     return motion_warnings(study.solid, study.scene, study.basis.vectors, motion, strains)
 
