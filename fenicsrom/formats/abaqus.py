@@ -20,7 +20,10 @@ from fenicsrom.words import counted
 GENERATORS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "PARAMETER"}
 """Keywords that make or move nodes and elements, which are refused."""
 
-SILENT = {"", "HEADING", "PREPRINT", "RESTART", "ASSEMBLY", "FREQUENCY", "OUTPUT", "MONITOR"}
+SILENT = {
+    *("", "HEADING", "PREPRINT", "RESTART", "ASSEMBLY", "FREQUENCY", "OUTPUT", "MONITOR"),
+    "AMPLITUDE",  # matters to the loads that have it, which say so
+}
 REQUESTS = (" OUTPUT", " PRINT", " FILE", " FORMAT")
 """Keywords, and ends of keywords, without an effect on the physics, which are left out silently."""
 

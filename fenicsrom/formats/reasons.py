@@ -16,7 +16,7 @@ _REASONS: dict[str, tuple[str, ...]] = {
         *("MATHP", "PLSOLID", "TB,PLAS", "TB,BISO", "TB,HYPE", "TB,PRONY"),
     ),
     "constants do not depend on the temperature": ("MATT1", "TABLEM1", "TABLEM2"),
-    "loads of a deck are static": ("AMPLITUDE", "DLOAD", "TLOAD1", "TLOAD2", "RLOAD1", "RLOAD2"),
+    "loads of a deck are static": ("DLOAD", "TLOAD1", "TLOAD2", "RLOAD1", "RLOAD2"),
     "springs lie between a node and the ground": ("CBUSH", "CELAS3", "CELAS4", "CONNECTOR SECTION"),
     "give [damping]": ("DAMPING", "TABDMP1", "GLOBAL DAMPING", "DMPRAT", "ALPHAD", "BETAD"),
     "give [rotation]": ("OMEGA", "CMOMEGA", "RFORCE", "DLOAD CENTRIF", "DLOAD CENT"),

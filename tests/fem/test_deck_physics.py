@@ -157,6 +157,16 @@ def test_what_a_scene_cannot_state_is_named(tmp_path: Path) -> None:
     assert any("moment" in what for what in found.not_taken)
 
 
+@pytest.mark.parametrize(("load", "count"), [("*CLOAD", 0), ("*CLOAD, AMPLITUDE=A", 1)])
+def test_amplitude_casts_doubt_by_the_loads_that_have_it(
+    load: str, count: int, tmp_path: Path
+) -> None:
+    text = ABAQUS.replace("*STEP\n", "*AMPLITUDE, NAME=A\n0., 0., 1., 3.\n*STEP\n")
+    (tmp_path / "a.inp").write_text(text.replace("*CLOAD", load))
+    found = formats.read(tmp_path / "a.inp")
+    assert found.not_read == () and len(found.physics.not_taken) == count
+
+
 @pytest.mark.parametrize(
     ("load", "reason"),
     [
