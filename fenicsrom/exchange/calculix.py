@@ -96,6 +96,24 @@ class Transient(NamedTuple):
     forces: Array
 
 
+class CutSector(NamedTuple):
+    """A sector of a disk.
+
+    Attributes:
+        number: sectors of the disk.
+        following: (k,) the nodes of the cut face whose displacements follow from the other one.
+        leading: (l,) the nodes of the other one.
+        axis: (2, 3) two points of the axis, m.
+        waves: the nodal diameters whose modes are wanted, ascending.
+    """
+
+    number: int
+    following: Ints
+    leading: Ints
+    axis: Array
+    waves: tuple[int, ...]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Deck:
     """The content of a deck, in SI units.
@@ -118,6 +136,7 @@ class Deck:
         modes: number of natural frequencies.
         printed: numbers (k,) of the nodes whose displacements are printed.
         transient: the transient; None without loads that vary in time.
+        sector: the cut faces, if the body is a sector of a disk.
     """
 
     title: str
@@ -137,6 +156,7 @@ class Deck:
     modes: int
     printed: Ints
     transient: Transient | None = None
+    sector: CutSector | None = None
 
     @property
     def element(self) -> str:
@@ -173,9 +193,13 @@ def _lines(deck: Deck) -> Iterator[str]:
     yield from _sections(deck, names)
     if len(deck.printed):
         yield from _set("NSET", printed, deck.printed)
-    if deck.clamped.any():
+    clamped = deck.clamped.copy()
+    if deck.sector is not None:
+        yield from _cyclic(deck.sector, names)
+        clamped[deck.sector.following] = False  # CalculiX allows one condition of a displacement
+    if clamped.any():
         yield "*BOUNDARY"
-    for axis, component in enumerate(deck.clamped.T, 1):
+    for axis, component in enumerate(clamped.T, 1):
         yield from (f"{1 + node}, {axis}, {axis}" for node in np.flatnonzero(component))
     for node, terms in deck.equations:
         entries = [f"{1 + node}, {1 + axis}, {_number(factor)}" for axis, factor in terms]
@@ -197,14 +221,28 @@ def _lines(deck: Deck) -> Iterator[str]:
         yield from _loads(deck, cells)
         yield from [*output, "*EL FILE", "S, ENER" if deck.transient else "S", "*END STEP"]
     about = deck.loaded and deck.nonlinear
-    yield f"*STEP{', PERTURBATION' if about else ''}"
-    yield "*FREQUENCY"
-    yield str(deck.modes)
     # CalculiX integrates in time only if the first step asks for the energy
     energy = ["*EL FILE", "ENER"] if deck.transient and not deck.loaded else []
-    yield from ["*NODE FILE", "U", *energy, "*END STEP"]
+    for wave in (None,) if deck.sector is None else deck.sector.waves:
+        yield from [f"*STEP{', PERTURBATION' if about else ''}", "*FREQUENCY"]
+        yield str(deck.modes if wave is None else 2 * deck.modes)  # each wave goes both ways
+        if wave is not None:
+            yield f"*SELECT CYCLIC SYMMETRY MODES, NMIN={wave}, NMAX={wave}"
+        yield from ["*NODE FILE", "U", *energy, "*END STEP"]
     if deck.transient is not None:
         yield from _transient(deck, deck.transient, amplitudes, output)
+
+
+def _cyclic(sector: CutSector, names: _Names) -> Iterator[str]:
+    """The cut faces, and how they make a disk."""
+    faces = []
+    for name, nodes in (("FOLLOWING", sector.following), ("LEADING", sector.leading)):
+        faces.append(names.new(name))
+        yield from _set("NSET", faces[-1], nodes)
+        yield from [f"*SURFACE, NAME={faces[-1]}_FACE, TYPE=NODE", faces[-1]]
+    yield from ["*TIE, CYCLIC SYMMETRY, NAME=CUT_FACES", ", ".join(f"{f}_FACE" for f in faces)]
+    yield f"*CYCLIC SYMMETRY MODEL, N={sector.number}, NGRAPH=1, TIE=CUT_FACES"
+    yield ", ".join(map(_number, sector.axis.ravel()))
 
 
 def _transient(

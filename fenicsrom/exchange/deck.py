@@ -23,14 +23,13 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
-from fenicsrom.exchange.calculix import Deck, Equation, Pressed, Section, Transient
+from fenicsrom.exchange.calculix import CutSector, Deck, Equation, Pressed, Section, Transient
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import UNDEFORMED, Solid
 from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
 from fenicsrom.formats.shapes import SERENDIPITY, SHAPES
 from fenicsrom.online.model.loads import factors, histories_of
 from fenicsrom.scene import Region, Scene, scene_heading
-from fenicsrom.scene.checks.checks import require_no_sector
 from fenicsrom.scene.checks.contact_checks import require_no_pairs
 from fenicsrom.scene.keys.times import FixedStep, StepsPerPeriod
 
@@ -65,7 +64,6 @@ def scene_deck(scene: Scene, *, frequencies: bool = False) -> Deck:
         SceneError: the mesh or a place cannot be used, or the deck cannot hold the scene.
     """
     require_no_pairs(scene)
-    require_no_sector(scene, "export")
     for k, found in enumerate(scene.attachments):
         if found.to is not None:
             reason = "not allowed in fenicsrom export, whose deck has springs to the ground only"
@@ -73,6 +71,9 @@ def scene_deck(scene: Scene, *, frequencies: bool = False) -> Deck:
     if scene.ties:
         reason = "not allowed in fenicsrom export, whose deck cannot tie meshes that do not match"
         raise refuse(scene.source, reason, ErrorKind.CONFLICT, "ties")
+    if scene.cyclic is not None and scene.geometry.dimension == 2:
+        reason = "not allowed in fenicsrom export for a plane sector, which CalculiX cannot join"
+        raise refuse(scene.source, reason, ErrorKind.CONFLICT, "cyclic")
     if frequencies:
         scene = replace(scene, loads=tuple(load for load in scene.loads if load.static))
     mesh = build_mesh(scene.geometry, MPI.COMM_SELF)
@@ -116,12 +117,33 @@ def scene_deck(scene: Scene, *, frequencies: bool = False) -> Deck:
         modes=modes if isinstance(modes, int) and modes else MODES,
         printed=_observed(scene, solid, nodes),
         transient=_transient(scene, solid, nodes),
+        sector=_sector(scene, solid, nodes),
     )
 
 
+def _sector(scene: Scene, solid: Solid, nodes: _Nodes) -> CutSector | None:
+    """How the deck makes a disk of a sector.
+
+    Raises:
+        SceneError: the cut faces meet on the axis.
+    """
+    cut, cyclic = solid.cut, scene.cyclic
+    if cut is None or cyclic is None:
+        return None
+    cut.require_bore("a deck of CalculiX")
+    following, leading = (np.flatnonzero(cut.marks[nodes.kept] == mark) for mark in (2.0, 1.0))
+    ends = np.array([cut.point, cut.point + cut.axis])
+    return CutSector(cut.sectors, following, leading, ends, cyclic.waves)
+
+
 def _instants(scene: Scene) -> Array:
-    """The ends (s,) of the time steps of a transient, from 0; empty without a fixed step."""
+    """The ends (s,) of the time steps of a transient, from 0.
+
+    They are empty without a fixed step, and for a sector, which would move as all others.
+    """
     stepping = scene.time.stepping
+    if scene.cyclic is not None:
+        return np.zeros(0)
     if isinstance(stepping, FixedStep) and scene.time.duration is not None:
         return np.arange(round(scene.time.duration / stepping.step) + 1) * stepping.step
     if isinstance(stepping, StepsPerPeriod) and scene.period is not None:
@@ -153,7 +175,10 @@ def _left_out(scene: Scene, nodes: _Nodes) -> list[str]:
     masses = scene.rotation is not None and any(found.mass for found in scene.attachments)
     left = {
         "the contacts with friction are left out": scene.contacts,
-        "the loads that vary in time are left out: they need a fixed time step": stepless,
+        "the loads that vary in time are left out: they need a fixed time step and no [cyclic]": (
+            stepless
+        ),
+        "the mistuning is left out": scene.cyclic and scene.cyclic.mistuning,
         "the follower pressures that vary in time are left out": not stepless
         and any(load.follower for load in varying),
         "CalculiX has another stiffness of follower pressures in its natural frequencies": any(
@@ -183,6 +208,7 @@ class _Nodes:
     """For each node of the deck, its number in the displacement space.
 
     Attributes:
+        kept: (k,) the numbers of the nodes of the deck.
         drops: whether nodes are left out.
     """
 
@@ -207,12 +233,12 @@ class _Nodes:
         self._orders = plain, mirrored
         usual, turned = (self._rows[:, self._order(corners)] for corners in self._orders)
         cells = np.where(self._mirrored[:, None], turned, usual)
-        self._kept, inverse = np.unique(cells, return_inverse=True)
+        self.kept, inverse = np.unique(cells, return_inverse=True)
         self._cells = inverse.reshape(cells.shape)
         self._number = np.full(len(self._x), -1)
-        self._number[self._kept] = np.arange(len(self._kept))
+        self._number[self.kept] = np.arange(len(self.kept))
         self._transfer = self._interpolation(layout)
-        self.drops = len(self._kept) < len(self._x)
+        self.drops = len(self.kept) < len(self._x)
 
     def _order(self, corners: Sequence[int]) -> list[int]:
         """The nodes of a cell in gmsh's order, from the order of its corners."""
@@ -222,7 +248,7 @@ class _Nodes:
 
     def _interpolation(self, layout: Any) -> csr_array:
         """T of (1), (nodes, kept nodes)."""
-        rows, columns, values = [self._kept], [self._number[self._kept]], [np.ones(len(self._kept))]
+        rows, columns, values = [self.kept], [self._number[self.kept]], [np.ones(len(self.kept))]
         done = self._number >= 0
         for dimension, weight in ((2, 0.5), (3, 0.25)):
             entities = self._topology[dimension] if dimension < len(self._topology) else []
@@ -239,7 +265,7 @@ class _Nodes:
                         columns.append(self._number[self._rows[first, other]])
                         values.append(np.full(len(nodes), share))
         places = np.concatenate(rows), np.concatenate(columns)
-        return csr_array((np.concatenate(values), places), shape=(len(self._x), len(self._kept)))
+        return csr_array((np.concatenate(values), places), shape=(len(self._x), len(self.kept)))
 
     def project(self, force: Array) -> Array:
         """p_s (kept nodes, d) of (1) from p (local,)."""
@@ -257,10 +283,10 @@ class _Nodes:
         if (slanted := self._solid.slanted) is not None:
             every[slanted.nodes] += np.diagonal(slanted.held, axis1=1, axis2=2)
         weights = abs(self._transfer)
-        around = weights @ every[self._kept] / weights.sum(axis=1)[:, None]
+        around = weights @ every[self.kept] / weights.sum(axis=1)[:, None]
         if np.any(every > around + 0.5 / SHAPES[self._kind].nodes):
             raise self._lost("supports")
-        return (held.reshape(len(self._x), -1) == 1.0)[self._kept]
+        return (held.reshape(len(self._x), -1) == 1.0)[self.kept]
 
     def equations(self) -> list[Equation]:
         """The equations of the kept nodes that are held along slanted directions.
@@ -304,10 +330,10 @@ class _Nodes:
         """
         every = values.reshape(len(self._x), -1)
         dropped = np.ones(len(every), dtype=bool)
-        dropped[self._kept] = False
+        dropped[self.kept] = False
         if np.any(every[dropped]):
             raise self._lost("attachments")
-        return np.asarray(every[self._kept])
+        return np.asarray(every[self.kept])
 
     def _lost(self, key: str) -> SceneError:
         """The error that a node is left out which the scene needs."""
@@ -335,4 +361,4 @@ class _Nodes:
         names = dict.fromkeys((*mesh.facet_groups, *mesh.node_groups))
         numbers = {name: nodes_of(name) for name in names}
         nodes = {name: found[found >= 0] for name, found in numbers.items()}
-        return MeshFile(self._x[self._kept], (Block(self._kind, self._cells, groups),), nodes)
+        return MeshFile(self._x[self.kept], (Block(self._kind, self._cells, groups),), nodes)

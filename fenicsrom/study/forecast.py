@@ -119,8 +119,6 @@ def require_usable(command: str, scene: Scene) -> None:
 
 def forecast(scene: Scene, solid: Solid) -> list[str]:
     """Sentences on the unknowns, the coordinates, the CPU time, and the units of regions."""
-    from fenicsrom.assess.rotation.disk_modes import diameters_of
-
     points = solid.points.contact.size
     lines = [f"unknowns: {solid.free}, {counted(points, 'contact point')}"]
     if not scene.static_only and scene.speeds_rpm is None and scene.cyclic is None:
@@ -132,8 +130,8 @@ def forecast(scene: Scene, solid: Solid) -> list[str]:
             f"CPU time: about {float(f'{seconds:.1g}'):g} s, within a factor of three; the first "
             "run of all compiles kernels for half a minute"
         )
-    if solid.cut is not None:
-        waves = ", ".join(map(str, diameters_of(scene)))
+    if solid.cut is not None and scene.cyclic is not None:
+        waves = ", ".join(map(str, scene.cyclic.waves))
         lines += [solid.cut.sentence, f"nodal diameters {waves}"]
     return lines + solid.pairs + region_units(scene, solid)
 

@@ -29,6 +29,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
 MODES = 6
 NUMBERS = "ours.json"
 
+STRAIGHT = ("geometry.cells='simplex'", "geometry.curved=false")
 STEEL = {"young": 207e9, "poisson": 0.28, "density": 7801.0}
 PLY = {
     "young": [140e9, 10e9, 9e9],
@@ -68,6 +69,7 @@ def cases(folder: Path) -> Iterator[tuple[str, str, Any]]:
     for name, mesh in (("plate", PLATE), ("arch", ARCH)):
         (folder / f"{name}.geo").write_text(mesh)
     yield from _blades()
+    yield from _disks()
     yield from _plate_and_arch(folder)
     yield from _beams(folder)
 
@@ -75,11 +77,10 @@ def cases(folder: Path) -> Iterator[tuple[str, str, Any]]:
 def _blades() -> Iterator[tuple[str, str, Any]]:
     from fenicsrom import read_scene
 
-    straight = ["geometry.cells='simplex'", "geometry.curved=false"]
     blade = DEMOS / "blade_campbell.toml"
     at_rest, turning = "rotation.speed_rpm=0", "rotation.speed_rpm=6000"
-    yield "blade", "twisted blade at rest", read_scene(blade, [*straight, at_rest], unloaded=True)
-    spinning = read_scene(blade, [*straight, turning], unloaded=True)
+    yield "blade", "twisted blade at rest", read_scene(blade, [*STRAIGHT, at_rest], unloaded=True)
+    spinning = read_scene(blade, [*STRAIGHT, turning], unloaded=True)
     yield "spinning", "the same at 6000 rpm", spinning
     hexahedra = read_scene(blade, ["geometry.curved=false", at_rest], unloaded=True)
     yield "hexahedra", "the same at rest, hexahedra", hexahedra
@@ -90,7 +91,20 @@ def _blades() -> Iterator[tuple[str, str, Any]]:
         ("rotor37_spinning", "the same at 17188.7 rpm", 17188.7),
     ):
         turning = f"rotation={{speed_rpm={rpm}, axis=[0.0, 1.0, 0.0]}}"
-        yield name, what, read_scene(compressor, [*straight, *free, turning], unloaded=True)
+        yield name, what, read_scene(compressor, [*STRAIGHT, *free, turning], unloaded=True)
+
+
+def _disks() -> Iterator[tuple[str, str, Any]]:
+    from fenicsrom import read_scene
+
+    sector = [*STRAIGHT, "basis.modes=3", "cyclic.diameters=[0,1,2,3]", "rotation.coriolis=false"]
+    what = "sector of a disk, three modes each of 0 to 3 nodal diameters,"
+    scene = read_scene(DEMOS / "disk.toml", sector, unloaded=True)
+    yield "disk_spinning", f"{what} at 6000 rpm", scene
+    sector.append('loads=[{group="tip", direction=[1.0, 0.0, 0.0], force=20.0}]')
+    sector += ["rotation.speed_rpm=0", "probe={nearest=[0.0, 0.4, 0.0]}"]
+    scene = read_scene(DEMOS / "disk.toml", sector, unloaded=True)
+    yield "disk", f"{what} at rest, pushed at the tips", scene
 
 
 def _plate_and_arch(folder: Path) -> Iterator[tuple[str, str, Any]]:
@@ -182,11 +196,16 @@ def numbers(scene: Any, printed: bool) -> dict[str, list[float]]:
     from mpi4py import MPI
 
     from fenicsrom import build_solid
+    from fenicsrom.assess.rotation.disk_modes import wave_modes
+    from fenicsrom.fem.solid.wave import wave
 
-    solid = build_solid(scene, MPI.COMM_SELF)
+    solid, squares = build_solid(scene, MPI.COMM_SELF), np.zeros(0)
+    for h in scene.cyclic.waves if scene.cyclic else ():
+        with wave(solid, h) as body:
+            squares = np.append(squares, wave_modes(body, scene.basis.modes)[0])
     # CalculiX has another stiffness of follower pressures, so only the deflections are comparable
-    modes = 0 if scene.followers else MODES
-    squares = solid.eigenmodes(solid.factor, modes)[0] if modes else np.zeros(0)
+    if scene.cyclic is None and not scene.followers:
+        squares = solid.eigenmodes(solid.factor, MODES)[0]
     moved = solid.probe_rows @ solid.equilibrium if printed and solid.loaded else np.zeros(0)
     return {
         "frequencies": (np.sqrt(squares) / (2.0 * np.pi)).tolist(),
@@ -260,8 +279,10 @@ def run_ccx(program: str, deck: Path) -> dict[str, Any]:
         for part in (before, after)
     )
     rows = [words for words in after if len(words) == 5]
+    # of a disk: diameter, number from 1, ..; each wave twice, as it goes around either way
+    rows += [words for words in after if words[1].isdigit() and int(words[1]) % 2]
     return {
-        "frequencies": [float(words[3]) for words in rows[:MODES]],
+        "frequencies": [float(words[-2]) for words in rows],
         "deflection": moved[-1] if moved else [],
         "motion": motion,
     }

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from support import beam_scene, make_solid, refusal
 
+pytest.importorskip("meshio")
 pytest.importorskip("dolfinx")
 
 from fenicsrom.cli import main
@@ -20,6 +21,8 @@ from fenicsrom.formats import read
 from fenicsrom.formats.abaqus_sets import Keyword, read_keywords
 from fenicsrom.formats.shapes import SHAPES, facet_nodes
 from fenicsrom.scene import Geometry, Scene
+from tests.disks import CYCLIC, PERIODS, N, bladed, extruded, hub, ring, turned
+from tests.disks import scene_of as scene_of_sector
 
 SHORT = ("geometry.parameters.length=0.5", "geometry.parameters.elements_along=3")
 PLY = {
@@ -310,6 +313,54 @@ def test_sets_have_names_of_their_own_without_regard_to_case(tmp_path: Path) -> 
     words = written(deck, tmp_path)
     names = [word.parameters["NSET"] for word in words if word.name == "NSET"]
     assert names == ["a_b", "A_B_2", "all_cells_2", "PROBE"]
+
+
+def test_sector_is_a_cyclic_tie_of_its_cut_faces(tmp_path: Path) -> None:
+    """The following face is the leading one turned, and its nodes have no other condition."""
+    points, cells, _ = extruded((*bladed(), {}))
+    scene = scene_of_sector(
+        tmp_path,
+        points,
+        cells,
+        cyclic=CYCLIC | {"axis": [0.0, 0.0, 2.0], "diameters": [3, 1], "mistuning": [0.01] * N},
+        loads=[{"group": "rim", "direction": [0.0, 0.0, 1.0], "force": 1.0, "frequency": 9.0}],
+        probe={"group": "rim"},
+        basis={"modes": 4},
+        time=PERIODS,
+    )
+    deck = scene_deck(scene)
+    assert sum("no [cyclic]" in note or "mistuning" in note for note in deck.notes) == 2
+    words = written(deck, tmp_path)
+    places = {int(number): place for number, *place in data(words, "NODE")}
+    sets = {
+        word.parameters["NSET"]: [int(entry) for line in word.lines for entry in line.split(",")]
+        for word in words
+        if word.name == "NSET"
+    }
+    surfaces = {w.parameters["NAME"]: w.lines[0] for w in words if w.name == "SURFACE"}
+    (tie,) = [word for word in words if word.name == "TIE"]
+    following, leading = (sets[surfaces[name.strip()]] for name in tie.lines[0].split(","))
+    own = np.array([places[node] for node in leading])
+    near = [turned([places[node] for node in following], sense) for sense in (1.0, -1.0)]
+    apart = [np.linalg.norm(x[:, None] - own, axis=2).min(axis=1).max() for x in near]
+    assert len(following) == len(leading) == 8 and min(apart) < 1e-12
+    (model,) = [word for word in words if word.name == "CYCLIC SYMMETRY MODEL"]
+    assert model.parameters["N"] == str(N) and tie.parameters["NAME"] == model.parameters["TIE"]
+    np.testing.assert_allclose(data(words, "CYCLIC SYMMETRY MODEL"), [[0, 0, 0, 0, 0, 1]])
+    held = {int(row[0]) for row in data(words, "BOUNDARY")}
+    assert held == set(sets["bore"]) - set(following)
+    steps = [word.parameters for word in words if word.name == "SELECT CYCLIC SYMMETRY MODES"]
+    assert [(step["NMIN"], step["NMAX"]) for step in steps] == [("1", "1"), ("3", "3")]
+    assert data(words, "FREQUENCY").tolist() == [[8.0], [8.0]]
+
+
+@pytest.mark.parametrize(("part", "key"), [(ring, "cyclic"), (hub, "cyclic.left")])
+def test_disk_that_calculix_cannot_make_is_refused(tmp_path: Path, part: Any, key: str) -> None:
+    """Of plane cells, or with cut faces that meet on the axis."""
+    axis = {} if part is ring else {"axis": [0.0, 0.0, 1.0]}
+    kind = ErrorKind.CONFLICT if part is ring else ErrorKind.PLACE
+    with refusal(kind, key):
+        scene_deck(scene_of_sector(tmp_path, *part(), cyclic=CYCLIC | axis))
 
 
 @pytest.mark.parametrize(

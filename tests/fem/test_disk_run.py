@@ -32,7 +32,6 @@ from fenicsrom import (
 )
 from fenicsrom.assess.errors.estimates import MotionErrors, distances
 from fenicsrom.errors import ErrorKind
-from fenicsrom.exchange.deck import scene_deck
 from fenicsrom.fem.body.stress_points import stress_table
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.fem.solid.wave import wave
@@ -520,14 +519,12 @@ def test_motion_larger_than_the_sector_is_implausible(tmp_path: Path) -> None:
     assert any("the body is 0.2598 m long" in str(warning) for warning in found.warnings)
 
 
-def test_wall_beside_the_axis_and_the_deck_of_a_sector_are_refused(tmp_path: Path) -> None:
+def test_wall_beside_the_axis_is_refused(tmp_path: Path) -> None:
     surface = {"kind": "cylinder", "point": [1e-3, 0.0], "radius": 0.31}
     wall = {"nearest": [0.26, 0.15], "surface": surface, "friction": 0.3}
     wall |= {"normal_stiffness": 1e7, "tangential_stiffness": 1e7}
     with refusal(ErrorKind.CONFLICT, "contacts[0].surface.point", names="axis of the disk"):
         sector_scene(tmp_path, 1, contacts=[wall])
-    with refusal(ErrorKind.CONFLICT, "cyclic", names="fenicsrom export"):
-        scene_deck(sector_scene(tmp_path, 1))
 
 
 def test_mistuning_of_another_number_of_sectors_is_refused(tmp_path: Path) -> None:

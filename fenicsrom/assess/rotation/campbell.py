@@ -35,7 +35,6 @@ from fenicsrom.assess.rotation.critical_speeds import (
 )
 from fenicsrom.assess.rotation.disk_modes import (
     WaveMode,
-    diameters_of,
     directions,
     wave_modes,
     waves_of,
@@ -215,7 +214,7 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
     )
     if solid is not None and scene.cyclic is not None:
         last = [part.shapes[reached.size - 1][:, : part.shown] for part in tracked.parts]
-        pairs = list(zip(diameters_of(scene), last, strict=True))
+        pairs = list(zip(scene.cyclic.waves, last, strict=True))
         found.waves, found.shapes = waves_of(solid, pairs, _sense(scene, reached[-1]))
         if unfinished is None and np.any(solid.pressing & solid.between):
             released = [part.solved(solid, stuck=False) for part in tracked.parts]
@@ -241,7 +240,7 @@ def _tracked(given: Scene | StoredModel, scene: Scene, speeds: Array, comm: Any)
         _Part(
             partial(wave, h=h), wave_modes, asked * directions(solid, h), f" of {h} nodal diameters"
         )
-        for h in diameters_of(scene)
+        for h in scene.cyclic.waves
     ]
     return _Tracked(parts, solid, solid, fastest)
 

@@ -34,9 +34,6 @@ OF_A_PAIR = 0.4
 LETTERS = {1: "f", -1: "b", 0: ""}
 """Of modes that run forward, with the rotation, or backward."""
 
-MOST_DIAMETERS = 13
-"""Number of nodal diameters unless the scene gives them."""
-
 
 class WaveMode(NamedTuple):
     """A mode of a disk.
@@ -64,12 +61,6 @@ class WaveMode(NamedTuple):
         """Whether an engine order excites the mode: (1)."""
         h, way, rest = self.diameter, self.direction, order % self.sectors
         return (rest == h and way <= 0) or (-order % self.sectors == h and way >= 0)
-
-
-def diameters_of(scene: Any) -> tuple[int, ...]:
-    """The nodal diameters of a scene with [cyclic]."""
-    most = min(scene.cyclic.sectors // 2 + 1, MOST_DIAMETERS)
-    return tuple(sorted(set(scene.cyclic.diameters or range(most))))
 
 
 def directions(sector: Solid, h: int) -> int:

@@ -81,6 +81,8 @@ class CutFaces:
     Attributes:
         sectors: N.
         turn: (d, d) T.
+        axis: unit vector (3,) of the axis.
+        point: a point (3,) of the axis, m.
         angle: α, rad.
         marks: (nodes,) 1 on the leading face, 2 on the following one, else 0.
         sentence: what was found, for the user.
@@ -100,13 +102,13 @@ class CutFaces:
         self._body, self._cyclic = body, cyclic
         d = self._d = body.dimension
         self.sectors = cyclic.sectors
-        self._axis = np.array(cyclic.axis or (0.0, 0.0, 1.0))
-        self._point = np.pad(np.array(cyclic.point), (0, 3 - d))
+        self.axis = np.array(cyclic.axis or (0.0, 0.0, 1.0))
+        self.point = np.pad(np.array(cyclic.point), (0, 3 - d))
         self._nodes = body.space.tabulate_dof_coordinates()[: body.local // d]
         self._first = body.space.dofmap.index_map.local_range[0]
         self._held = np.zeros((len(self._nodes), d), dtype=bool)
         self._held.reshape(-1)[body.clamped] = True
-        away = np.linalg.norm(np.cross(self._nodes - self._point, self._axis), axis=1)
+        away = np.linalg.norm(np.cross(self._nodes - self.point, self.axis), axis=1)
         self._central = np.flatnonzero(away < ON_AXIS * body.extent)
         names = cyclic.left, cyclic.right
         sides = [Side(body, body.mesh.facets(name)) for name in names]
@@ -130,11 +132,11 @@ class CutFaces:
 
     def rotation(self, angle: float) -> Array:
         """The rotation (3, 3) about the axis by an angle, rad."""
-        return np.asarray(Rotation.from_rotvec(angle * self._axis).as_matrix())
+        return np.asarray(Rotation.from_rotvec(angle * self.axis).as_matrix())
 
     def turned(self, points: Array, rotation: Array) -> Array:
         """Points (n, 3) after a rotation about the axis."""
-        return np.asarray(self._point + (points - self._point) @ rotation.T)
+        return np.asarray(self.point + (points - self.point) @ rotation.T)
 
     def beside(self, points: Array) -> list[Array]:
         """Points (n, 3) of both neighbouring sectors."""
@@ -148,9 +150,9 @@ class CutFaces:
         """The angle from the left face to the right one: ±360°/N."""
         arms = []
         for side in (left, right):
-            arm = np.pad(side.middle.mean(axis=0), (0, 3 - self._d)) - self._point
-            arms.append(arm - (arm @ self._axis) * self._axis)
-        found = np.arctan2(self._axis @ np.cross(*arms), arms[0] @ arms[1])
+            arm = np.pad(side.middle.mean(axis=0), (0, 3 - self._d)) - self.point
+            arms.append(arm - (arm @ self.axis) * self.axis)
+        found = np.arctan2(self.axis @ np.cross(*arms), arms[0] @ arms[1])
         wanted = 2.0 * np.pi / self.sectors
         near = 2.0 * np.pi / max(abs(found), 1e-9)
         if round(near) != self.sectors:
@@ -226,15 +228,23 @@ class CutFaces:
         """The leading face of sector j + neighbour is the following face of sector j."""
         return 1 if self.angle > 0.0 else -1
 
+    def require_bore(self, what: str) -> None:
+        """Check that the cut faces do not meet on the axis. Collective.
+
+        Raises:
+            SceneError: they do.
+        """
+        if any(self._body.comm.allgather(self._central.size)):
+            reason = f"must not meet on the axis in {what}: give the disk a bore"
+            raise self._refused("left", self._cyclic.left, reason)
+
     def face_shapes(self, fields: Complex) -> Array:
         """Orthonormal shapes (l d, m) of the leading face that span parts of fields. Collective.
 
         Args:
             fields: (local, k) complex displacements; all real and imaginary parts weigh alike.
         """
-        if any(self._body.comm.allgather(self._central.size)):
-            reason = "must not meet on the axis in a disk in time: give the disk a bore"
-            raise self._refused("left", self._cyclic.left, reason)
+        self.require_bore("a disk in time")
         parts = np.concatenate([fields.real, fields.imag], axis=1)
         found = self._of_leaders(parts.reshape(-1, self._d, parts.shape[1]))
         found = found.reshape(-1, parts.shape[1])
@@ -336,8 +346,8 @@ class CutFaces:
         """What displacements u (local,) add to rigid motions (local, k) that turn the disk."""
         d = self._d
         arms, moved = (
-            np.cross(self._axis, np.pad(x, ((0, 0), (0, 3 - x.shape[1]))))[:, :d].ravel()
-            for x in (self._nodes - self._point, u.reshape(-1, d))
+            np.cross(self.axis, np.pad(x, ((0, 0), (0, 3 - x.shape[1]))))[:, :d].ravel()
+            for x in (self._nodes - self.point, u.reshape(-1, d))
         )
         turned, size = map(self._body.comm.allreduce, (arms @ motions, arms @ arms))
         return np.outer(moved, turned / size)
@@ -350,9 +360,9 @@ class CutFaces:
         block[self._central] = 0.0
         block[self._followers] = 0.0
         if h < 2:  # other waves hold the axis; these leave its direction, or turn about it
-            first, second = scipy.linalg.null_space(self._axis[None]).T
-            second *= np.sign(self._axis @ np.cross(first, second))
-            fixed = self._axis if h == 0 else (first + 1j * second) / np.sqrt(2.0)
+            first, second = scipy.linalg.null_space(self.axis[None]).T
+            second *= np.sign(self.axis @ np.cross(first, second))
+            fixed = self.axis if h == 0 else (first + 1j * second) / np.sqrt(2.0)
             block[self._central, :, 0] = ~self._held[self._central] * fixed[:d]
         used = np.any(np.abs(block) > ROUNDING, axis=1)
         count = int(used.sum())

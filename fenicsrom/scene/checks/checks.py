@@ -320,7 +320,7 @@ def require_no_sector(scene: Scene, command: str) -> None:
     """
     if scene.cyclic is not None:
         allowed = f"not allowed in fenicsrom {command}: sectors of disks are allowed in fenicsrom "
-        allowed += "run, sweep, response, modes, campbell, compare and plan"
+        allowed += "run, sweep, response, modes, campbell, compare, plan and export --format inp"
         raise refuse(scene.source, allowed, ErrorKind.CONFLICT, "cyclic")
 
 

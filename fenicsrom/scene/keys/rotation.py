@@ -137,3 +137,8 @@ class Cyclic:
         tuple[float, ...] | Deviation | None,
         either(list_of(number(above=-1.0), distinct=False), table_of(Deviation)),
     ] = None
+
+    @property
+    def waves(self) -> tuple[int, ...]:
+        """The nodal diameters whose modes are wanted, ascending."""
+        return tuple(sorted(set(self.diameters or range(min(self.sectors // 2, 12) + 1))))
