@@ -6,6 +6,10 @@ _REASONS: dict[str, tuple[str, ...]] = {
         *("CONTACT", "BCTABLE", "BCTPARM", "BSURF", "BCPROP"),
         *("BCPROPS", "BCONP", "BCBODY", "BCBODY1", "BCTABL1", "BLSEG", "BFRIC", "CGAP"),
     ),
+    "give [cyclic]": (
+        *("CYCLIC SYMMETRY MODEL", "SELECT CYCLIC SYMMETRY MODES", "CYSYM", "CYJOIN", "CYSUP"),
+        *("CYAX", "LOADCYH", "LOADCYN", "LOADCYT", "CYCLIC", "CYCOPT", "CYCFREQ", "CPCYC"),
+    ),
     "give [[bolts]]": ("BOLT", "BOLTFOR", "BOLTFRC", "PTSECT", "SLOAD"),
     "temperatures are not supported": (
         *("TEMPERATURE", "EXPANSION", "TEMP", "TEMPD", "TREF", "BF", "BFE", "MP,ALPX"),

@@ -74,6 +74,7 @@ def test_components_are_groups_and_the_rest_is_named(tmp_path: Path) -> None:
     more = (
         "CMBLOCK,ROOT,NODE,       3\n(8i10)\n         1        -4         8\n"
         "CMBLOCK,BODY,ELEM,       1  ! users\n(8i10)\n         1\n"
+        "CYCLIC,24,0.0,0,CYC\nCYCOPT,NODDIA,2\n"
         "CP,1,UX,1,2\nACEL,  0.00000000    ,  0.00000000    \nMPDATA,R5.0, 1,EX, 1, 1, 2.1E11\n"
         "MPDATA,R5.0, 1,DENS, 1, 1, 7850.0, 7800.0\n"
     )
@@ -81,7 +82,8 @@ def test_components_are_groups_and_the_rest_is_named(tmp_path: Path) -> None:
     assert list(mesh.node_groups["ROOT"]) == [0, 1, 2, 3, 7]
     assert mesh.blocks[0].groups.keys() == {"BODY"}
     reason = "a scene has no equations between displacements"
-    assert mesh.not_read == (f"1 CP ({reason})", "1 MP,DENS")
+    cyclic = "1 CYCLIC (give [cyclic])", "1 CYCOPT (give [cyclic])"
+    assert mesh.not_read == (*cyclic, f"1 CP ({reason})", "1 MP,DENS")
     assert any(what.startswith("springs") for what in mesh.physics.not_taken)
 
 

@@ -352,6 +352,9 @@ def test_sector_is_a_cyclic_tie_of_its_cut_faces(tmp_path: Path) -> None:
     steps = [word.parameters for word in words if word.name == "SELECT CYCLIC SYMMETRY MODES"]
     assert [(step["NMIN"], step["NMAX"]) for step in steps] == [("1", "1"), ("3", "3")]
     assert data(words, "FREQUENCY").tolist() == [[8.0], [8.0]]
+    again = read(tmp_path / "deck.inp")
+    told = "; ".join((*again.not_read, *again.physics.not_taken))
+    assert "*CYCLIC SYMMETRY MODEL (give [cyclic])" in told and "*TIE of the cut faces" in told
 
 
 @pytest.mark.parametrize(("part", "key"), [(ring, "cyclic"), (hub, "cyclic.left")])

@@ -103,6 +103,9 @@ def test_rest_of_the_model_is_named_and_shells_on_facets_are_groups(tmp_path: Pa
         + small("CONM2", 14, 1, "", 5.0)
         + small("RBE2", 15, 1, 123456, 2, 3)
         + small("CBUSH", 16, 5, 1, 2)
+        + small("CYSYM", 24, "ROT")
+        + small("CYJOIN", 1, "", 1, 4, 5, 8)
+        + small("CYJOIN", 2, "", 2, 3, 6, 7)
         + small("MAT1", 1, 2.1e11, "", 0.3)
         + small("SPC1", 5, 123, 1, "THRU", 4)
         + small("SPC", 6, 8, 123)
@@ -112,6 +115,8 @@ def test_rest_of_the_model_is_named_and_shells_on_facets_are_groups(tmp_path: Pa
         "1 CBAR element",
         "1 CQUAD4 element",
         "1 CBUSH (springs lie between a node and the ground)",
+        "1 CYSYM (give [cyclic])",
+        "2 CYJOIN (give [cyclic])",
     )
     assert any(what.startswith("1 RBE2") for what in mesh.physics.not_taken)
     facets = [block for block in mesh.blocks if "3" in block.groups]
