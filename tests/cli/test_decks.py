@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("gmsh")
 from fenicsrom.cli import main
 from fenicsrom.fem.mesh.inspection import inspect
+from fenicsrom.notes import note_of
 from fenicsrom.post.studies import mesh_report
 from fenicsrom.post.studies.starter import starter_scene
 from fenicsrom.scene import Scene, parse_scene, read_scene
@@ -94,6 +95,8 @@ def test_starter_scene_of_a_support_through_a_rigid_element_runs(
     pytest.importorskip("dolfinx")
     rigid = "GRID,90,,-1.,.5,.5\nRBE2,9,90,123456,1,2,3,4\nSPC1,1,123456,90\n"
     path = nastran(tmp_path / "a.bdf", f"{rigid}FORCE,1,17,,10.,0.,0.,1.\nFORCE,1,1,,9.,0.,0.,1.\n")
+    doubts = [note for note in inspect(path).warnings if note_of(note).kind.doubts]
+    assert doubts == []  # the set of the support has grid 90 alone
     scene_file = tmp_path / "scenes" / "a.toml"  # the folder does not exist yet
     assert main(["init", str(path), "--output", str(scene_file)]) == 0
     said = capsys.readouterr().out

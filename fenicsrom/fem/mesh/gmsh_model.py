@@ -32,6 +32,7 @@ from fenicsrom.fem.mesh.sector import Sector, find_sector
 from fenicsrom.formats.mesh_file import unsupported
 from fenicsrom.formats.shapes import SHAPES, distinct, facet_kind, facets_of
 from fenicsrom.formats.shapes import STRAIGHT as STRAIGHT_KINDS
+from fenicsrom.notes import Note, NoteKind
 from fenicsrom.scene import Geometry
 from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import are, counted
@@ -386,8 +387,8 @@ def _node_groups(
         if len(kept):
             found[name] = (kept, ends[np.isin(ends, corners).all(axis=1)])
         else:
-            what = f"node group {name!r} has no vertex of the cells and is left out"
-            warnings.append(f"{source}: {what}")
+            what = f"{source}: node group {name!r} has no vertex of the cells and is left out"
+            warnings.append(Note(NoteKind.REMARK, what))
     return found, tuple(warnings)
 
 
