@@ -471,9 +471,15 @@ def test_contact_by_a_box_or_a_plane_is_that_of_the_groups(
     names = {"group": "1 low y", "against": "0 high y"}
     if finer == 3:
         names = {"group": "0 high y", "against": "1 low y"}
+    scene = scene_of(mesh, 2, contact, **HELD, geometrically_nonlinear=True)
     found, expected = (solid(scene_of(mesh, 2, one, **HELD)) for one in (contact, names))
     assert abs(found.contact_rows - expected.contact_rows).max() == 0.0
-    np.testing.assert_array_equal(found.against[0], expected.against[0])
+    for own, named in zip(found.sides[0], expected.sides[0], strict=True):
+        np.testing.assert_array_equal(own, named)
+    assert abs(found.probe_rows - expected.probe_rows).max() == 0.0  # nodes of both bodies coincide
+    lifted = np.zeros((found.local, 1))  # the first body moves by 1 mm, and does not turn
+    lifted[2 * found.sides[0][0] + 1] = 1e-3
+    assert not [*turns(found, scene, lifted)]
 
 
 @pytest.mark.parametrize(

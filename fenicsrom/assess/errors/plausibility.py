@@ -318,10 +318,7 @@ def turns(solid: Solid, scene: Scene, fields: Array) -> Iterator[Note]:
     d, comm = solid.dimension, solid.comm
     places = solid.space.tabulate_dof_coordinates()[:, :d]
     moved = fields.reshape(-1, d, fields.shape[1])
-    for number, contact in enumerate(scene.contacts):
-        if contact.against is None:
-            continue
-        nodes = solid.mesh.nodes(contact.place, solid.space)
+    for number, (nodes, _) in solid.sides.items():
         nodes = nodes[nodes < len(moved)]
         x, u = (np.concatenate(comm.allgather(part[nodes])) for part in (places, moved))
         near = cKDTree(x).query(x, range(2, d + 2))[1]

@@ -306,8 +306,9 @@ def opposite(
     seen = distance <= (np.finfo(float).max if pair.reach is None else pair.reach)
     if not seen.any():
         far = np.min(np.where(np.isfinite(distance), distance, np.linalg.norm(x - y, axis=1)))
-        reason = f"no facet of {_named(pair)} lies opposite those of the other region"
-        reason = f"{reason} within its reach; the nearest is {far:.3g} m away{elsewhere}"
+        reason = f"no facet of {_named(pair)} lies opposite those of the first region"
+        reason += "" if pair.reach is None else f" within {pair.reach:.3g} m"
+        reason += f"; the nearest is {far:.3g} m away{elsewhere}"
         raise _refused(body, reason, key)
     if np.any(np.einsum("qd,qd->q", outer, normal)[seen] < FACING):
         reason = f"the outer normals of the two regions are not opposite{elsewhere}"
@@ -450,13 +451,13 @@ class PairRows(NamedTuple):
         own: sparse rows (P d, local) of (1) in the local frames, for the displacements of the body.
         ahead: the same for those of the next sector, in the sense of counting; else zero.
         points: the points.
-        against: the nodes of the second region on this rank.
+        sides: the nodes of the first and of the second region on this rank.
     """
 
     own: csr_array
     ahead: csr_array
     points: ContactPoints
-    against: Ints
+    sides: tuple[Ints, Ints]
 
 
 def _of_neighbour(cut: Any, sides: tuple[Side, ...]) -> tuple[tuple[Side, ...], int, Array]:
@@ -516,8 +517,9 @@ def pair_rows(body: Any, contact: Contact, number: int) -> PairRows:
     used = gap if contact.has_mesh_gaps else np.full(len(x), contact.gap or 0.0)
     tell(body, contact, place, around, used, sides[:2])
     points = points_on(number, around.area, x, frames, gap=gap)
-    nodes = body.space.dofmap.index_map.global_to_local(np.unique(sides[1].nodes))
-    return PairRows(own, ahead, points, nodes[nodes >= 0])
+    local = body.space.dofmap.index_map.global_to_local
+    first, second = (local(np.unique(side.nodes)) for side in sides[:2])
+    return PairRows(own, ahead, points, (first[first >= 0], second[second >= 0]))
 
 
 def modulus_of(body: Any, sides: tuple[Side, ...]) -> float:
@@ -562,7 +564,7 @@ def tell(
 
 def _named(pair: Contact | Tie) -> str:
     """The second region in words."""
-    return repr(pair.against) if isinstance(pair.against, str) else "the other region"
+    return repr(pair.against) if isinstance(pair.against, str) else "the second region"
 
 
 def _elsewhere(body: Any, pair: Contact | Tie) -> str:

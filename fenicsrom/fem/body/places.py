@@ -16,6 +16,7 @@ from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.base.forms import compiled_form
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.mesh.mesh import NEAR
+from fenicsrom.formats.mesh_file import Ints
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.scene import Place, Region
 from fenicsrom.words import are, counted
@@ -32,7 +33,7 @@ class Places:
         self._body = body
         self._found: dict[Place, tuple[Array, Array]] = {}
 
-    def find(self, place: Place, key: str) -> tuple[Array, Array]:
+    def find(self, place: Place, key: str, among: Ints | None = None) -> tuple[Array, Array]:
         """Give the displacement and the position of a place; the result is cached.
 
         Args:
@@ -40,6 +41,8 @@ class Places:
                 over the region: weighted by area on facets, by length on the edges of a node group,
                 or with equal weights on nodes alone.
             key: key of the scene, for messages.
+            among: local nodes to which the node nearest to the centroid belongs. Default: those of
+                the region.
 
         Returns:
             (d, local) rows, without the part that supports hold, and the position (3,) in m.
@@ -48,6 +51,8 @@ class Places:
             SceneError: the region is missing or empty, the node or the whole region is clamped, or
                 no node is near the coordinates.
         """
+        if among is not None:
+            return self._node(place, key, among)
         if place not in self._found:
             find = self._mean if place.is_mean else self._node
             self._found[place] = find(place, key)
@@ -144,7 +149,7 @@ class Places:
             raise self.clamped(key)
         return rows, position
 
-    def _node(self, place: Place, key: str) -> tuple[Array, Array]:
+    def _node(self, place: Place, key: str, among: Ints | None = None) -> tuple[Array, Array]:
         """Rows (d, local) of the displacement of a node, and its position (3,)."""
         body, d = self._body, self._body.dimension
         near = np.inf
@@ -160,7 +165,8 @@ class Places:
         x = body.space.tabulate_dof_coordinates()[: body.local // d]
         distance = np.linalg.norm(x - position, axis=1)
         if wanted is None:  # another body may touch the region there
-            inside = np.isin(np.arange(len(x)), body.mesh.nodes(place, body.space))
+            nodes = body.mesh.nodes(place, body.space) if among is None else among
+            inside = np.isin(np.arange(len(x)), nodes)
             distance[~inside] = np.inf
         best = int(np.argmin(distance)) if distance.size else -1
         mine = (np.inf, 0, 0, 0, -1)

@@ -108,7 +108,7 @@ class FinerSolid(Solid):
                 vectors[:, k] = self.load_vector(load, f"loads[{k}]")
         return vectors
 
-    def _set_probe(self, places: Sequence[Place]) -> None:
+    def _set_probe(self, scene: Scene) -> None:
         """Take the probe of the coarser solid."""
         self.probe_rows = self.lifted(self._coarser.probe_rows.T).T
         self.probe_position = self._coarser.probe_position

@@ -112,7 +112,7 @@ class Solid(ElasticBody):
         joined: whether there are contacts between bodies; their closed points are in the `factor`.
         contacts: the contacts at the points, if `joined`.
         pairs: a sentence on each of them, and on each tie.
-        against: the nodes of the second region of each of them, by its number.
+        sides: the nodes of both regions of each contact between bodies, by its number.
         tied: (k, d) the places of the nodes of each tie, m.
         probe_rows: (d, local) displacement of the probe in global axes; (0, local) without a probe.
         probe_position: (3,) position of the probe, m.
@@ -175,7 +175,7 @@ class Solid(ElasticBody):
         self.free_motions = free_motions_of(self, scene, springs)
         self.room = self._room()
         self._set_loads()
-        self._set_probe([*filter(None, [scene.probe]), *(c.place for c in scene.contacts)])
+        self._set_probe(scene)
 
         self._several_speeds = scene.speeds_rpm is not None
         pushed = self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0
@@ -331,7 +331,7 @@ class Solid(ElasticBody):
         """Find the contact points, their frames and their displacements."""
         d = self.dimension
         self.pairs: list[str] = []
-        self.against: dict[int, Ints] = {}
+        self.sides: dict[int, tuple[Ints, Ints]] = {}
         self.interface: Array | None = None
         rows = [csr_array((0, self.local))]
         ahead = rows.copy()
@@ -343,7 +343,7 @@ class Solid(ElasticBody):
                 rows.append(csr_array(pairs.own + pairs.ahead))
                 ahead.append(pairs.ahead)
                 found.append(pairs.points)
-                self.against[k] = pairs.against
+                self.sides[k] = pairs.sides
                 continue
             at, position, area = self._places.contact_points(contact.place, key)
             where = f"{self.source}: {key}"
@@ -358,12 +358,14 @@ class Solid(ElasticBody):
         self.points = all_points(d, found)
         self.between = np.array([contacts[k].neighbour for k in self.points.contact], dtype=bool)
 
-    def _set_probe(self, places: Sequence[Place]) -> None:
-        """Find the probe: the first of the places, or that of the first load that has a place."""
-        observed = [*places, *(load.place for load in self.loads if not load.everywhere)]
+    def _set_probe(self, scene: Scene) -> None:
+        """Find the probe: that of the scene, or the place of the first contact or load."""
+        observed = [*filter(None, [scene.probe]), *(contact.place for contact in scene.contacts)]
+        observed += [load.place for load in self.loads if not load.everywhere]
         self.probe_rows, self.probe_position = np.zeros((0, self.local)), np.full(3, np.nan)
         if observed:
-            self.probe_rows, self.probe_position = self._places.find(observed[0], "probe")
+            among = None if scene.probe else self.sides.get(0, (None,))[0]
+            self.probe_rows, self.probe_position = self._places.find(observed[0], "probe", among)
 
     def _set_loads(self) -> None:
         """Assemble the load vectors."""

@@ -194,7 +194,7 @@ def _regions(solid: Solid, scene: Scene) -> dict[str, Array]:
             fields[f"pressure {k}"] = solid.load_vector(load, f"loads[{k}]")
         if not load.everywhere and _is_region(load.place) and load.place.at == "mean":
             mark(f"load {k}", solid.mesh.nodes(load.place, solid.space))
-    for k, nodes in solid.against.items():
+    for k, (_, nodes) in solid.sides.items():
         mark(f"against {k}", nodes)
     return fields
 
