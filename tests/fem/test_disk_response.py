@@ -143,6 +143,7 @@ def linear_wave(sector: Any, scene: Any) -> tuple[Any, Any]:
 def test_linear_wave_without_contact_is_that_of_the_matrices_of_the_disk(
     tmp_path: Path, damping: dict[str, Any]
 ) -> None:
+    """Rows of the probe without the coordinates y′ of the next sector would be 7 % off."""
     more = {"contacts": [], "probe": {"nearest": [0.26, 0.15]}, "damping": damping}
     scene = blades(tmp_path, 2, 170.0, **more)
     sector = build_disk(scene).sector
