@@ -14,6 +14,7 @@ CURVE = f"{BARE} & response.first=0.14 & response.last=0.19"
 PLY = "young=[40e9, 10e9, 9e9], poisson=[0.3, 0.28, 0.4], density=1800"
 SPRINGS = "friction=0.1, normal_stiffness=1, tangential_stiffness=1"
 PAIR = f"group='tip', against='load', {SPRINGS}"
+BOXED = f"box=[[0.9, 0], [1, 1]], against={{box=[[0.9, 0], [1, 1]]}}, {SPRINGS}"
 SECTION = "{length=1, height=0.1, width=0.1, load_at=0.5}"
 ROUND = f"group='tip', gap=1e-4, {SPRINGS}, surface={{kind='cylinder', point=[0, 0]}}"
 DECAY = f"{BARE} & loads=[{{node=[1, 0], direction=[0, -3], force=2}}] & basis.modes=2"
@@ -208,13 +209,15 @@ MISTAKES = {
         RANGE    backbone.mode                backbone.mode=0
         RANGE    backbone.load_factors        backbone.load_factors=[2.0, 1.0]
     """,
-    f"contacts=[{{{PAIR}}}] & bolts=[{{head='root', nut='tip', force=1}}]": """
+    f"contacts=[{{{PAIR}}}] & bolts=[{{head='root', nut='tip', force=1}}]": f"""
         CONFLICT basis.masters                basis.masters=5
         CONFLICT basis.method                 basis.method='craig-bampton'
         CONFLICT basis.derivatives            basis.derivatives='mmi'
         CONFLICT basis.elastic_force          basis.elastic_force='projection'
         CONFLICT time.tolerance               time.tolerance=1e-4
-        CONFLICT bolts                        contacts=[] & probe={group='tip'}
+        CONFLICT bolts                        contacts=[] & probe={{group='tip'}}
+        CONFLICT contacts[1].against          contacts=[{{{PAIR}}}, {{{PAIR}, reach=1}}]
+        CONFLICT contacts[1].against          contacts=[{{{BOXED}}}, {{{BOXED}, reach=1}}]
     """,
     f"contacts.0={{{ROUND}, abradable={{{LAYER}}}}}": """
         CONFLICT contacts[0].preload          contacts.0.gap=0 & contacts.0.preload=1

@@ -8,6 +8,7 @@ from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.scene.base.rules import Problem, Problems, Where, order_problems
 from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.contacts import Contact, Surface, surface_spin
+from fenicsrom.scene.keys.places import Region
 from fenicsrom.scene.keys.schema import Scene
 
 WHOLE_TURNS = 1e-9  # part of the turns in a period by which they may miss a whole number
@@ -58,10 +59,7 @@ def joined_problems(scene: Scene) -> Problems:
         return
     why = "with a contact against a region of the body"
     for k, contact in enumerate(scene.contacts):
-        pair = {contact.place.group, contact.against}
-        if None not in pair and pair in [
-            {other.place.group, other.against} for other in scene.contacts[:k]
-        ]:
+        if contact.against is not None and _regions(contact) in map(_regions, scene.contacts[:k]):
             yield Problem(f"contacts[{k}].against", "has a contact with the same region already")
         if contact.neighbour and scene.cyclic is None:
             yield Problem(f"contacts[{k}].neighbour", "only allowed with [cyclic]")
@@ -85,6 +83,12 @@ def joined_problems(scene: Scene) -> Problems:
         yield Problem("time.tolerance", f"not allowed {why}: give a fixed step")
     if scene.geometry.degree > 2:
         yield Problem("geometry.degree", f"must be 1 or 2 {why}")
+
+
+def _regions(contact: Contact) -> set[Region]:
+    """The two regions of a contact between bodies."""
+    place = contact.place
+    return {Region(group=place.group, box=place.box, plane=place.plane), contact.other}
 
 
 def tie_problems(scene: Scene) -> Problems:
