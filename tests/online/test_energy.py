@@ -47,6 +47,14 @@ def test_created_and_lost_energy_is_refused() -> None:
     )
     with pytest.raises(AccuracyError, match="friction gives energy"):
         check_energy(replace(motion, friction_dissipation=gift, work=motion.work + gift))
+    rounding = np.where(np.arange(motion.time.size) == 7, -1e-15 * most, 0.0)
+    undamped = replace(
+        motion,
+        friction_dissipation=rounding,
+        work=motion.work - motion.damping_dissipation,
+        damping_dissipation=0.0 * motion.damping_dissipation,
+    )
+    check_energy(undamped)
     with pytest.raises(
         AccuracyError, match="friction gives energy"
     ):  # damping before the first record does not count

@@ -4,7 +4,7 @@ Each axis (`assess.studies.axes`) goes from ordinary to extreme values, first al
 worst pairs. A run is made as a user would make it, and again with half the step (an eighth of the
 tolerance) and, where the basis is in question, with a richer basis. The verdict of a run is one of
 
-    converged       the motion settles, and its error is at most its own estimate
+    converged       the error is at most its own estimate; a periodic motion settles
     not steady      a bounded motion does not repeat, the run says so, and its energy balances
     refused         no result: a SceneError, ConvergenceError or AccuracyError says why
     silently wrong  the error exceeds its own estimate, the motion creates energy or is unbounded,
@@ -42,7 +42,13 @@ from fenicsrom.assess.studies.axes import (
 from fenicsrom.assess.studies.batch import Batch
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError, refuse
 from fenicsrom.notes import Note, NoteKind
-from fenicsrom.online.motion.measures import amplitude, difference, has_settled, peak_normal_force
+from fenicsrom.online.motion.measures import (
+    amplitude,
+    difference,
+    has_settled,
+    is_unsteady,
+    peak_normal_force,
+)
 from fenicsrom.online.motion.motion import Motion, check_energy, friction_gains_energy
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.progress import log
@@ -249,7 +255,7 @@ def _examine(
     finally:
         numbers |= estimates_found(own)
     # the estimate of a motion that does not settle knows a quarter of the step already
-    fine = simulate(model, refined(scene, 2 if has_settled(motion) else 8))
+    fine = simulate(model, refined(scene, 8 if is_unsteady(motion) else 2))
     numbers["error"] = difference(motion, fine)
     peak = peak_normal_force(fine)
     numbers["force_error"] = abs(peak_normal_force(motion) / peak - 1.0) if peak else None
@@ -291,23 +297,24 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
             compared with a richer basis.
     """
     error, estimate = numbers["error"], numbers["estimate"]
-    if not has_settled(motion):
+    if is_unsteady(motion):
         if error > max(UNSTEADY_ERROR, estimate):
             return Verdict.WRONG, f"with an eighth of the step the motion differs by {error:.0%}"
         return Verdict.UNSTEADY, _why_unsteady(motion, fine)
-    if motion.steady and not has_settled(fine):
+    if motion.steady and is_unsteady(fine):
         return Verdict.WRONG, "the motion is steady, but it does not settle with half the step"
     if error > max(NEGLIGIBLE, estimate):
         why = f"the error against half the step is {error:.1e}, but the estimate is {estimate:.1e}"
         return Verdict.WRONG, why
-    if not has_settled(fine):
+    if is_unsteady(fine):
         why = "the amplitudes settle but the motion does not; with half the step neither settles"
         return Verdict.UNSTEADY, why
     if (apart := numbers.get("basis_error", 0.0)) > BASIS_ERROR:
         return Verdict.WRONG, f"the amplitude differs by {apart:.1e} from that of a richer basis"
     remarks = {
         "the preload has buckled the body at the start": motion.buckled > 0,
-        "small waves persist: the amplitudes settle, the motion does not": not motion.steady,
+        "small waves persist: the amplitudes settle, the motion does not": motion.period is not None
+        and not motion.steady,
         "the step does not resolve the contact: its peak force is unknown": not np.isfinite(
             numbers["force_estimate"]
         ),

@@ -411,7 +411,7 @@ def _check_part(found: EnergyErrors) -> None:
                 f"(at most {ENERGY_ERROR:g} is allowed): the steps are too long for the scheme",
                 kind=ErrorKind.ENERGY,
             )
-    if found.friction_gain > ENERGY_ERROR * found.dissipated:
+    if found.friction_gain > ENERGY_ERROR * found.dissipated + ROUNDING * found.energy:
         part = (
             f"{found.friction_gain / found.dissipated:.1e} of the dissipated energy"
             if found.dissipated > 0.0
