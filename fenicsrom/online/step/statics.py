@@ -349,15 +349,19 @@ class _Statics:
         """Whether the contact forces at q (n,), after `touches`, balance body and static loads.
 
         The forces are compared by their responses with (K + c M)⁻¹, because K is singular where
-        contacts alone hold a part of the body. It is `held` if body and loads need them.
+        contacts alone hold a part of the body. What is left is compared with the sum of the sizes
+        of the responses to each force, because pressures on two sides may cancel each other. The
+        body is `held` if body and loads need the forces.
         """
         model, directions = self.model, self.scratch.directions
         loads = model.loads @ static_factors(model.load_histories)
         out_of_balance = model.elastic_at(q)[0] - loads
         settings = REGULAR, 0.0, self._tangent(q)
         y, unit, _ = model.solve_effective(*settings, out_of_balance.copy(), directions)
-        pushed = unit @ (self.start.normal + self.start.friction).reshape(-1)
-        least = BALANCED * mass_norm(model, pushed)
+        forces = (self.start.normal + self.start.friction).reshape(-1)
+        pushed = unit @ forces
+        each = sum(np.abs(f * one) for f, one in zip(forces, unit.T, strict=True) if f)
+        least = BALANCED * mass_norm(model, each)
         self.held = mass_norm(model, y) > least
         if self.held:
             self.static_force = loads
