@@ -243,13 +243,12 @@ def test_more_ranks_than_cells_run(tmp_path: Path) -> None:
 
 @needs_mpirun
 def test_two_ranks_write_motion_files_once(tmp_path: Path) -> None:
-    """Each rank writes its piece of the grids; the contact points and the animation are written
-    once. The contact points equal those of one rank."""
+    """Each rank writes its piece of the grids; the contact points, the animation and the pictures
+    are written once. The contact points equal those of one rank."""
     pyvista = pytest.importorskip("pyvista")
     wanted = [
         "output.motion=true",
         "output.animation=true",
-        "output.pictures=false",
         "reference.full=false",
     ]
     overrides = [part for item in (*SMALL, *wanted) for part in ("--set", item)]
@@ -262,6 +261,7 @@ def test_two_ranks_write_motion_files_once(tmp_path: Path) -> None:
         frames.append(reader.read()[0])
         assert len(list((folder / "motion").glob("*_p1.vtu"))) == (30 if ranks == 2 else 0)
         assert (folder / "motion.gif").read_bytes().startswith(b"GIF89a")
+        assert (folder / "shapes.png").exists()
     for name in frames[0].point_data:
         np.testing.assert_allclose(frames[1][name], frames[0][name], rtol=1e-6, atol=1e-8)
 

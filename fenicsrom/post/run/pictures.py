@@ -119,7 +119,8 @@ def body_pictures(study: Study) -> list[Picture]:
     body, scene = body_of(study), study.scene
     if body is None:
         return []
-    modes = list(paraview.shapes(study).get("normal_modes", ()))
+    labels = () if study.modes is None else study.modes.labels
+    modes = [label for label in labels if not label.endswith("S")]
     largest = 1e3 * float(np.linalg.norm(body.values[EQUILIBRIUM], axis=1).max())
     title = f"equilibrium: largest displacement {largest:.4g} mm"
     seen = body.view
