@@ -31,7 +31,7 @@ from fenicsrom.online.step.speed_range import RangeErrors, RangeModel
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.scene_changes import changed_scene
 from fenicsrom.post.base.tables import rows_of
-from fenicsrom.post.studies.interaction_report import quantities
+from fenicsrom.post.studies.interaction_report import figure, quantities
 from fenicsrom.progress import asking
 from fenicsrom.study.curves import LINES
 
@@ -293,9 +293,26 @@ def test_other_start_of_a_straight_blade_is_as_large_as_its_motion(first: float)
 
 def test_body_at_rest_is_steady_and_without_errors() -> None:
     """Nothing touches, and the load of 1e-9 N moves the tip by less than rounding of 300 m."""
-    line = mapped(two_modes(gap=2.0), "[6000, 8999]", "map.revolutions=10").lines[0]
+    found = mapped(two_modes(gap=2.0), "[6000, 8999]", "map.revolutions=10")
+    line = found.lines[0]
     assert (line.verdict, line.period) == ("period", 1)
     assert line.errors.max() < 1e-3 and not line.coexists
+    check_bar(found, 2e-6, 5e-6)
+    check_bar(found, 2e-6, 5e-4)
+
+
+def check_bar(found: InteractionMap, *amplitudes: float) -> None:
+    """The colour bar of the amplitudes in m at two speeds is marked in mm."""
+    lines = [
+        replace(line, amplitudes=np.full_like(line.amplitudes, one))
+        for line, one in zip(found.lines, amplitudes, strict=True)
+    ]
+    shade: Any = figure(replace(found, lines=lines)).panels[0].items[0]
+    low, high = np.log10(1e3 * np.array(amplitudes)) + np.array([-1e-12, 1e-12])
+    for mark, text in shade.ticks.items():
+        assert float(text) == pytest.approx(10.0**mark, rel=5e-3)
+        assert low <= mark <= high
+    assert len(shade.ticks) >= 2
 
 
 @pytest.mark.long

@@ -204,14 +204,17 @@ def figure(found: InteractionMap) -> Plot:
     sides = np.linspace(0.0, orders[-1] + orders[1], ROWS + 1, dtype=np.float64)
     widths = np.asarray(THICKNESS * highest * 60.0 / speeds, dtype=np.float64)
     image = _image(values, orders, widths, sides, SMALLEST * top)
-    decades = np.arange(np.ceil(np.log10(SMALLEST * top)), np.log10(top) + 1e-9)
+    low, high = np.log10([values[seen].min(initial=top), top])
+    marks = np.arange(np.ceil(low), high + 1e-9)
+    if marks.size < 2:
+        marks = np.linspace(low, high, 4)
     shade = Map(
         np.broadcast_to(edges, (sides.size, edges.size)),
         sides[:, None] * edges / 60.0,
         np.log10(image).T,
         cmap="viridis_r",
         bar=AMPLITUDE.head,
-        ticks={float(tick): f"{10.0**tick:g}" for tick in decades},
+        ticks={float(mark): f"{10.0**mark:.3g}" for mark in marks},
     )
     items: list[Item] = [shade, *_mode_lines(found), *_marks(found)]
     ends: Any = {"xlim": (edges[0], edges[-1]), "ylim": (0.0, highest)}
