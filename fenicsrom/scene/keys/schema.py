@@ -352,7 +352,7 @@ class Scene:
             return None
         if any(load.transient for load in self.loads):
             return None
-        frequencies = [load.frequency for load in self.loads if load.frequency is not None]
+        frequencies = [load.frequency for load in self.loads if load.frequency]
         if frequencies:
             return 1.0 / min(frequencies)
         spins = {
