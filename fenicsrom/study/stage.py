@@ -55,7 +55,6 @@ class Run:
         watch: times the stages.
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
-
         mesh: the mesh; None until it is made.
         fresh: whether to compute all results, also those that the cache has.
         cached: whether the cache may have results: the mesh is that of the scene.
@@ -68,7 +67,6 @@ class Run:
     watch: Stopwatch
     folder: Path | None = None
     resume: Path | None = None
-
     mesh: Mesh | None = None
     fresh: bool = False
     cached: bool = True

@@ -70,7 +70,6 @@ def rerun(
         stored: the stored model, under the scene of the run.
         folder: folder of the output files.
         resume: checkpoint from which the model continues.
-
         given: keys that the user gave, for the warning of keys without effect.
 
     Raises:

@@ -96,7 +96,6 @@ def run_sweep(
         comm: MPI communicator; with two ranks or more, rank 0 gives out the runs to the others.
         workers: largest number of processes, or an executor.
         resume: keep the results that an earlier sweep left in the folder.
-
         fresh: compute all offline results, also those that the cache has.
 
     Returns:

@@ -157,7 +157,6 @@ def equilibrium_path(
     Args:
         scene: the scene; its table [statics] gives the range.
         comm: MPI communicator.
-
         visit: receives each point with its displacement.
 
     Returns:

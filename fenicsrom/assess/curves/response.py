@@ -94,7 +94,6 @@ def response(
         workers: largest number of processes that compute curves at the same time, or an executor.
             With processes, the calling script must be importable: put its code under
             `if __name__ == "__main__"`.
-
         richer: a model with a richer basis to compare with at selected points.
         comm: MPI communicator; several ranks share the curves, and all get all curves.
 

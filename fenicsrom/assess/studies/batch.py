@@ -40,7 +40,6 @@ class Batch:
         classes: the dataclasses of the results, by name; see `fenicsrom.online.store.store.unpack`.
         resume: whether to take results that the folder has.
         workers: compute the jobs, and so do the ranks of `comm`; see `run_jobs`.
-
         comm: MPI communicator.
         interval: shortest time between two lines of progress, s.
         reused: number of results that the folder had.

@@ -195,7 +195,6 @@ def interaction_map(
         resume: whether to take what an earlier map has kept there.
         workers: compute the speeds, see `fenicsrom.assess.jobs`; a map that goes "up" or "down"
             continues from speed to speed and needs one process.
-
         comm: MPI communicator.
 
     Raises:
