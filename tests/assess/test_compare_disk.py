@@ -65,9 +65,10 @@ def test_comparison_has_the_whole_disk_beside_disks_of_sectors(tmp_path: Path) -
 
 
 def test_materials_of_the_whole_disk_turn_and_are_mistuned(tmp_path: Path) -> None:
-    """An orthotropic ring at rest, under forces that are alike in all sectors."""
+    """An orthotropic ring at rest, under forces beside a node that are alike in all sectors."""
     (load,) = tables(0, range(1))["loads"]
     del load["engine_order"]
+    load["nearest"] = [1.01 * x for x in load["nearest"]]
     given = tables(0, range(1)) | {
         "material": STEEL | {"young": [2e11, 1e11], "poisson": [0.3, 0.3], "shear": 5e10},
         "cyclic": CYCLIC | {"mistuning": [0.3, -0.2, 0.1, 0.0, 0.05, -0.1]},
@@ -79,6 +80,8 @@ def test_materials_of_the_whole_disk_turn_and_are_mistuned(tmp_path: Path) -> No
     assert many.errors["history"] < 1e-3 < few.errors["history"]  # percent
     (noted,) = (note for note in found.warnings if "raise basis.modes" in note)
     assert noted.startswith(few.combination.name)
+    keys = [note.key for note in found.warnings if "the nearest node" in note]
+    assert sorted(keys) == ["loads[0]", "probe"]
 
 
 def test_interrupted_comparison_keeps_the_disks_that_are_done(

@@ -29,7 +29,7 @@ from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.fixed_sector import stored_disk
 from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.fem.solid.whole_disk import as_sectors, whole_scene
-from fenicsrom.notes import Note, NoteKind
+from fenicsrom.notes import Note, NoteKind, note_of
 from fenicsrom.online.model.disk_model import deviations, disk_scene
 from fenicsrom.progress import log
 from fenicsrom.scene import Compare, Scene
@@ -90,7 +90,9 @@ def compare_disk(scene: Scene, comm: Any) -> Comparison:
         return outcome
 
     outcomes, interrupted = try_each(wanted, attempt)
-    warned = [*body.warnings, *_disk_notes(told, len(outcomes)), *outcome_notes(scene, outcomes)]
+    # a note on a place comes from the sector, whose keys are those of the scene
+    warned = [note for note in map(note_of, body.warnings) if "[" not in note.key]
+    warned += [*_disk_notes(told, len(outcomes)), *outcome_notes(scene, outcomes)]
     if deviations(scene).any() and body.loaded:
         text = "mistuning changes the moduli of the whole disk, but in reduced sectors the "
         text += "stiffness about one equilibrium: rotation and static loads make a difference"
