@@ -77,6 +77,8 @@ class Reader:
         else:
             if keyword.name == "TIE" and CYCLIC & given.keys():
                 self.found.leave("*TIE of the cut faces of a sector; give [cyclic]")
+                for row in rows:
+                    self.found.following |= set(nodes_of(row[0]).tolist())
                 return True
             for row in rows:
                 self._join(keyword, row, group_of)

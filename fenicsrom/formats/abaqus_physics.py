@@ -155,7 +155,7 @@ def _take(state: _State, keyword: Keyword, rows: list[list[str]], scope: tuple[s
             keyword,
             rows,
             group_of=lambda text: _group_of(state, text),
-            nodes_of=lambda text: state.nodes.found(scope, text),
+            nodes_of=lambda text: _nodes_of(state, text, scope),
         )
     elif name == "ELEMENT":
         if keyword.parameters.get("TYPE", "").upper() in TAKEN_ELEMENTS:

@@ -115,6 +115,7 @@ class Collector:
         held: nodes and components of each group that is held, by its name.
         fixed: the components that are held.
         turned: nodes whose components are along axes of their own.
+        following: nodes of the cut face of a sector that moves as the other cut face.
         couplings: the equations between components.
         masses: mass at each node.
         springs: stiffness of the springs to the ground by component.
@@ -134,6 +135,7 @@ class Collector:
     held: dict[str, tuple[Ints, set[int]]] = field(default_factory=dict)
     fixed: set[Component] = field(default_factory=set)
     turned: set[int] = field(default_factory=set)
+    following: set[int] = field(default_factory=set)
     couplings: Couplings = field(default_factory=Couplings)
     masses: dict[int, float] = field(default_factory=lambda: defaultdict(float))
     springs: dict[Component, float] = field(default_factory=lambda: defaultdict(float))
@@ -265,7 +267,7 @@ class Collector:
         axes = set(range(cells[0].shape.dimension)) if cells else set()
         for name, (nodes, components) in self.held.items():
             held = tuple(sorted(components & axes))
-            own = [node for node in nodes.tolist() if node in used]
+            own = [node for node in self._with_following(nodes, groups) if node in used]
             if away := set(nodes.tolist()) - used - self.couplings.through:
                 beside = f"the support {name} of {counted(len(away), 'node')} beside the solid"
                 self.leave(f"{beside}; [[supports]] can hold a group of it", True)
@@ -285,6 +287,11 @@ class Collector:
                     groups[same[0]] = np.array(kept)
                 found.append((name if name in same else same[0], held))
         return found
+
+    def _with_following(self, nodes: Ints, groups: dict[str, Ints]) -> list[int]:
+        """These nodes; or the group of these and of following nodes, which need no support."""
+        own, wholes = set(nodes.tolist()), (set(of.tolist()) for of in groups.values())
+        return sorted(next((of for of in wholes if of - self.following == own), own))
 
     def _leave_couplings(self) -> None:
         """Name the couplings of nodes that can move."""

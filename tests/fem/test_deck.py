@@ -355,6 +355,7 @@ def test_sector_is_a_cyclic_tie_of_its_cut_faces(tmp_path: Path) -> None:
     again = read(tmp_path / "deck.inp")
     told = "; ".join((*again.not_read, *again.physics.not_taken))
     assert "*CYCLIC SYMMETRY MODEL (give [cyclic])" in told and "*TIE of the cut faces" in told
+    assert {place for place, _ in again.physics.supports} == {"bore"}
 
 
 @pytest.mark.parametrize(("part", "key"), [(ring, "cyclic"), (hub, "cyclic.left")])
