@@ -53,7 +53,7 @@ def joint_lines(found: Inspection, steel: float) -> list[str]:
         if joint.tied:
             continue
         chosen = f"{LAYER * young / sizes[first]:.2g}"
-        why = f" # chosen: {LAYER:g} E/h with the size h of a facet, because the file has none"
+        why = f" # chosen: {LAYER:g} E/h with the size h of a facet; the file has no linear law"
         normal = f"{chosen}{why}" if joint.normal is None else f"{joint.normal!r}"
         slope = joint.tangential or joint.normal
         tangential = f"{chosen}{why}" if slope is None else f"{slope!r}"
