@@ -9,7 +9,8 @@ import pytest
 from support import beam_scene, refusal
 
 from fenicsrom.assess.studies import stability
-from fenicsrom.assess.studies.axes import KINDS, MOST_MODES, Scales, random_cases
+from fenicsrom.assess.studies.axes import Scales
+from fenicsrom.assess.studies.random_cases import KINDS, MOST_MODES, random_cases
 from fenicsrom.cli.commands import make_parser
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table

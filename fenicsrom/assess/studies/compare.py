@@ -31,7 +31,6 @@ from fenicsrom.assess.errors.judge import judge_with_residual
 from fenicsrom.assess.errors.plausibility import equilibrium_deformation, equilibrium_warnings
 from fenicsrom.assess.errors.sizing import Sized, sized
 from fenicsrom.assess.full.full_motions import full_motion
-from fenicsrom.assess.studies.axes import require_motion
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.contact.points import ContactPoints
@@ -49,6 +48,7 @@ from fenicsrom.reduction.stages import Reduction
 from fenicsrom.reduction.training import motion_of_scene, train
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 from fenicsrom.scene.base.rules import BY_MOTION
+from fenicsrom.scene.checks.checks import require_motion
 from fenicsrom.scene.keys.schema import COMPARED
 from fenicsrom.scene.reading.reading import with_time
 from fenicsrom.words import brief, counted

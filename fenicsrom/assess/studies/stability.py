@@ -31,15 +31,9 @@ import numpy as np
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.verdicts import BASIS_ERROR, estimate_errors
 from fenicsrom.assess.full.full_motions import estimates_found, full_distances, missed
-from fenicsrom.assess.studies.axes import (
-    AXES,
-    Case,
-    cases_of,
-    random_cases,
-    require_motion,
-    scales_of,
-)
+from fenicsrom.assess.studies.axes import AXES, Case, cases_of, scales_of
 from fenicsrom.assess.studies.batch import Batch
+from fenicsrom.assess.studies.random_cases import random_cases
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError, refuse
 from fenicsrom.notes import Note, NoteKind
 from fenicsrom.online.motion.measures import (
@@ -53,6 +47,7 @@ from fenicsrom.online.motion.motion import Motion, check_energy, friction_gains_
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.progress import log
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene, scene_table
+from fenicsrom.scene.checks.checks import require_motion
 from fenicsrom.scene.reading.reading import refined
 from fenicsrom.words import brief, counted
 

@@ -312,6 +312,17 @@ def _place_problems(scene: Scene) -> Problems:
             yield Problem(f"{key}.at", f"not allowed with {other}")
 
 
+def require_motion(scene: Scene, command: str) -> None:
+    """Check that something moves in a scene.
+
+    Raises:
+        SceneError: all its loads are static.
+    """
+    if scene.static_only:
+        reason = f"all are static; {command} needs a load that varies, or a time.duration"
+        raise refuse(scene.source, reason, ErrorKind.MISSING, "loads")
+
+
 def require_no_sector(scene: Scene, command: str) -> None:
     """Check that a scene is no sector of a disk, for a command that does not take one.
 
