@@ -217,8 +217,10 @@ def build_model(
     if scene.speeds_rpm is not None:
         from fenicsrom.study.offline_cache import kept_range
 
-        build = partial(build_range, scene, mesh, comm or all_ranks())
-        return build() if mesh is not None else kept_range(scene, fresh, build)
+        comm = comm or all_ranks()
+        build = partial(build_range, scene, mesh, comm)
+        cached = mesh is None and comm.size == 1
+        return kept_range(scene, fresh, build) if cached else build()
     return offline(scene, comm, Stopwatch(), mesh, fresh=fresh).stored
 
 

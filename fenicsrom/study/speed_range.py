@@ -59,8 +59,16 @@ def build_range(scene: Scene, mesh: Mesh | None, comm: Any) -> StoredModel:
     def build(_: object = None) -> StoredModel:
         log.info("one model for all speeds ..")
         whole = range_model(solid, scene.basis, omegas, nominal).under(load_histories=histories)
-        known = "rubin", (), solid.free, np.zeros(0), provenance()
-        return StoredModel(whole.model, scene, *known, whole=whole).at_speed()
+        return StoredModel(
+            model=whole.model,
+            scene=scene,
+            method="rubin",
+            labels=(),
+            dofs=solid.free,
+            frequencies_hz=np.zeros(0),
+            provenance=provenance(),
+            whole=whole,
+        ).at_speed()
 
     chosen = None
     if scene.basis.masters == "motion":
