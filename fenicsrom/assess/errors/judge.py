@@ -95,7 +95,9 @@ def judge_with_residual(
     found = judge_again(bare, motion, other)[0]
     joint = stored.scene.joined
     before, along = other if joint else motion, other
-    for k in range(1 if is_unsteady(motion) else 2 if joint else 1 + ROUNDS):
+    rounds = 2 if joint else 1 + ROUNDS
+    for k in range(1 if is_unsteady(motion) else rounds):
+        alone = k == 0 and not joint  # the responses without the candidates
         if joint or k != 1:  # the second model has the responses of the first one
             vectors, sizes = unseen(body, modes, basis, along, stored.scene)
             count = int(np.sum(sizes > (FAINT if joint else UNSEEN)))
@@ -103,7 +105,7 @@ def judge_with_residual(
         if vectors.shape[1] == 0:
             break
         try:
-            joined = _joined(body, modes, basis if joint or k else small, vectors)
+            joined = _joined(body, modes, small if alone else basis, vectors)
         except AccuracyError:  # responses that rounding does not tell from the basis
             break
         model = project(body, joined, body.geometrically_nonlinear)
@@ -112,10 +114,13 @@ def judge_with_residual(
         if seen is None:
             break
         change = estimates.times_distance(1.0, before, seen)
-        pairs = ((getattr(each, name) for each in (change, found.errors)) for name in JUDGED[joint])
-        if all(moved <= min(max(0.5 * error, UNSEEN), SEEN) for moved, error in pairs):
+        limits = {
+            name: min(max(0.5 * getattr(found.errors, name), UNSEEN), SEEN)
+            for name in JUDGED[joint]
+        }
+        if all(getattr(change, name) <= limit for name, limit in limits.items()):
             break
-        basis, before, along = (joined, seen, seen) if joint or k else (basis, other, other)
+        basis, before, along = (basis, other, other) if alone else (joined, seen, seen)
     return found
 
 
