@@ -298,7 +298,7 @@ def slides(
 
 
 TURNED = 0.05
-"""Turn of contact facets, rad, from which the user is warned: forces have so wrong directions."""
+"""Turn of contact facets, rad, from which the user is warned: forces are off by this angle."""
 
 
 def turns(solid: Solid, scene: Scene, fields: Array) -> Iterator[Note]:
@@ -331,7 +331,7 @@ def turns(solid: Solid, scene: Scene, fields: Array) -> Iterator[Note]:
         if (turn := float(np.max(np.linalg.norm(across, axis=2) / length))) > TURNED:
             text = (
                 f"the facets of contacts[{number}] turn by up to {turn:.2g} rad, and their normals "
-                "stay those of the undeformed body: contact forces have directions that are so far "
-                f"off (at most {TURNED:g} is right)"
+                "stay those of the undeformed body: the directions of contact forces are off by "
+                f"this angle, which should be at most {TURNED:g} rad"
             )
             yield Note(NoteKind.WARNING, text, f"contacts[{number}]")

@@ -84,8 +84,8 @@ class Contact:
         normal: unit vector into a rigid plane; not with a surface.
         surface: a round rigid surface instead of the plane.
         against: the other region, a group of facets, or { box = .. } or { plane = .. }; not with
-            normal or surface. A box or a plane picks no facets of the bodies of the other group;
-            where two of them hold the same two bodies, that with the smaller facets comes first.
+            normal or surface. A box or a plane leaves out the bodies of the other side's group;
+            of two with the same two bodies, the first takes the body with smaller facets.
         neighbour: whether `against` is a region of the next sector; only with [cyclic].
         reach: facets at larger distances are not opposite one another; only with `against`.
         abradable: a layer on the surface that the body wears; not with a preload.
