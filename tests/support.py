@@ -645,6 +645,29 @@ def no_contacts(dimension: int = 2) -> Contacts:
     return planes(*np.zeros((5, 0)), dimension=dimension)
 
 
+def rubbing_beam(
+    loads: list[dict[str, Any]], nonlinear: bool, periods: int, pressed: bool = True
+) -> Scene:
+    """The scene of a small beam whose tip touches a stiff wall, or stands far from it."""
+    touch = {
+        "group": "tip",
+        "at": "centre",
+        "normal": [1.0, 0.0],
+        **({"preload": 5e3} if pressed else {"gap": 10.0}),
+        "friction": 0.4,
+        "normal_stiffness": 2e8,
+        "tangential_stiffness": 1e7,
+    }
+    sizes = (*STOCKY, "geometry.parameters.elements_along=2", "geometry.parameters.height=0.05")
+    return beam_scene(
+        2,
+        (*sizes, f"geometrically_nonlinear={str(nonlinear).lower()}"),
+        loads=loads,
+        contacts=[touch],
+        time={"periods": periods, "steps_per_period": 60, "steady_tolerance": 0},
+    )
+
+
 def motions_of_all_unknowns(
     loads: list[dict[str, Any]], nonlinear: bool = True
 ) -> tuple[Motion, Motion]:
@@ -653,23 +676,7 @@ def motions_of_all_unknowns(
     from fenicsrom.fem.full.full import full_model
     from fenicsrom.reduction.basis import ReducedBasis, project
 
-    touch = {
-        "group": "tip",
-        "at": "centre",
-        "normal": [1.0, 0.0],
-        "preload": 5e3,
-        "friction": 0.4,
-        "normal_stiffness": 2e8,
-        "tangential_stiffness": 1e7,
-    }
-    sizes = (*STOCKY, "geometry.parameters.elements_along=2", "geometry.parameters.height=0.05")
-    scene = beam_scene(
-        2,
-        (*sizes, f"geometrically_nonlinear={str(nonlinear).lower()}"),
-        loads=loads,
-        contacts=[touch],
-        time={"periods": 2, "steps_per_period": 60, "steady_tolerance": 0},
-    )
+    scene = rubbing_beam(loads, nonlinear, periods=2)
     solid = make_solid(scene)
     node = [int(np.argmax(row)) for row in solid.contact_rows.toarray()]
     order = [*node, *[k for k in free_unknowns(solid) if k not in node]]

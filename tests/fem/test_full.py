@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from support import STOCKY, beam_scene, make_solid, scene_of
+from support import STOCKY, beam_scene, make_solid, rubbing_beam, scene_of
 
 from fenicsrom import study
 from fenicsrom.fem.base.linalg import Factorisation
@@ -24,36 +24,9 @@ pytestmark = pytest.mark.slow
 
 def moving(linear: bool, pressed: bool) -> Any:
     """A short beam whose tip touches a stiff wall, if it is pressed."""
-    touch = {
-        "group": "tip",
-        "at": "centre",
-        "normal": [1.0, 0.0],
-        **({"preload": 5e3} if pressed else {"gap": 10.0}),
-        "friction": 0.4,
-        "normal_stiffness": 2e8,
-        "tangential_stiffness": 1e7,
-    }
-    return make_solid(
-        beam_scene(
-            2,
-            (
-                *STOCKY,
-                "geometry.parameters.elements_along=2",
-                "geometry.parameters.height=0.05",
-                f"geometrically_nonlinear={str(not linear).lower()}",
-            ),
-            loads=[
-                {
-                    "group": "tip",
-                    "direction": [0.3, 1.0],
-                    "force": 4e4 if pressed else 4e3,
-                    "frequency": 40.0,
-                }
-            ],
-            contacts=[touch],
-            time={"periods": 1, "steps_per_period": 60, "steady_tolerance": 0},
-        )
-    )
+    force = 4e4 if pressed else 4e3
+    load = {"group": "tip", "direction": [0.3, 1.0], "force": force, "frequency": 40.0}
+    return make_solid(rubbing_beam([load], not linear, periods=1, pressed=pressed))
 
 
 def run(solid: Any, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, int]:
