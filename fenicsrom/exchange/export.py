@@ -40,8 +40,8 @@ CURVES = ("response", "backbone")
 """Tables that may name loads by their numbers, which change with the static loads left out."""
 
 NOT_COPIED = (
-    *(*EXCLUDED, *CURVES, "damping", "supports", "loads", "contacts", "probe", "output", "title"),
-    *("units", "source", "geometrically_nonlinear"),
+    *(*EXCLUDED, *CURVES, "damping", "supports", "loads", "contacts", "probe", "output"),
+    *("title", "units", "source", "geometrically_nonlinear"),
 )
 """What the scene of the exported file has in another form, or not at all."""
 PLACE_KEYS = ("group", "box", "plane", "node", "nearest", "at")

@@ -176,9 +176,9 @@ def fit_size(run: Run) -> None:
 
 
 def _strain_warnings(study: Study, motion: Motion) -> list[Note]:
-    """Warn of large strains in a large motion whose stresses are not found anyway. Collective.
+    """Warn of contacts between bodies that turn, and of large strains. Collective.
 
-    Warn of contacts between bodies that turn, too.
+    Strains are judged in a large motion, if the stresses are not found anyway.
     """
     from fenicsrom.assess.errors.plausibility import LARGE_MOTION, motion_warnings
 

@@ -226,7 +226,7 @@ def range_sentence(stored: StoredModel) -> str | None:
 
 
 def range_warnings(stored: StoredModel) -> list[Note]:
-    """The notes on a model for a range of speeds, and whether it is less accurate than it shall."""
+    """The notes on a model for a range of speeds, with one if its error is above the accuracy."""
     sentence, accuracy, found = range_sentence(stored), stored.scene.basis.accuracy, stored.notes
     if stored.whole is None or np.max(stored.whole.errors[1:]) <= accuracy:
         return unpacked(found)

@@ -315,7 +315,7 @@ def _cyclic_lines(found: Inspection) -> list[str]:
         f"# sectors = {sector.number}",
         f"# left = {toml(cuts[0])}",
         f"# right = {toml(cuts[1])}",
-        *[f"# axis = {axis}"][: d - 2],
+        *([f"# axis = {axis}"] if d == 3 else []),
         f"# point = {point[:d]}",
     ]
 

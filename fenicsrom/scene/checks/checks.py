@@ -375,7 +375,7 @@ def _geometry_problems(geometry: Geometry) -> Problems:
             reason = "must be a mesh or .step file: make a mesh file of a .geo file with gmsh"
             yield Problem(f"geometry.also[{k}]", reason)
         if path.stem in [other.stem for other in geometry.files[: k + 1]]:
-            reason = "files must have different names, which begin those of their groups"
+            reason = "files must have different names, with which the names of groups begin"
             yield Problem(f"geometry.also[{k}]", reason)
     keys = {
         "thickness": (plane, "in 2D"),

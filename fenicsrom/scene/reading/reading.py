@@ -353,9 +353,8 @@ def _complete_geometry(scene: Scene, folder: Path | None) -> Geometry:
         geometry = replace(geometry, plane="stress")
     pairs = [(one.place.group, one.against) for one in scene.contacts]
     pairs += [(one.group, one.against) for one in scene.ties]
-    named = ((one, other) for one, other in pairs if isinstance(one, str))
-    apart = tuple((one, other) for one, other in named if isinstance(other, str))
-    geometry = replace(geometry, apart=apart)
+    groups = ((a, b) for a, b in pairs if isinstance(a, str) and isinstance(b, str))
+    geometry = replace(geometry, apart=tuple(groups))
     if geometry.is_cad and geometry.meshing.near is None:
         keyed = [(f"supports[{k}].group", one.group) for k, one in enumerate(scene.supports)]
         keyed += [(f"contacts[{k}].group", one.place.group) for k, one in enumerate(scene.contacts)]
