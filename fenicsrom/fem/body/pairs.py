@@ -361,31 +361,47 @@ def _of_two_bodies(
 
     Where both are boxes or planes with the same two bodies, the smaller facets come first.
     """
-    comm, free = body.comm, [region.group is None for region in regions]
+    free, below = [region.group is None for region in regions], body.dimension - 1
     if not any(free):
         return [*facets]
-    pieces, cells = node_pieces(body.mesh, body.space)[0], body.space.dofmap.list
-    own = body.mesh.domain.topology.index_map(body.dimension - 1).size_local
+    pieces, nodes = node_pieces(body.mesh, body.space)[0], body.space.dofmap.list
+    own = body.mesh.domain.topology.index_map(below).size_local
     found = [one[one < own] for one in facets]
-    of = [pieces[cells[body.mesh.sides(body.dimension - 1, one)[:, 0], 0]] for one in found]
-    every = [np.concatenate(comm.allgather(one)) for one in of]
-    first, second = map(np.unique, every)
-    if all(free) and first.size == second.size == 2 and np.array_equal(first, second):
-        size = Side(body, found[0]).size
-        first, second = sorted(first, key=lambda one: size[every[0] == one].mean())
-        kept = of[0] == first, of[1] == second
-    elif all(free) and min(first.size, second.size) > 1:
+    piece = [pieces[nodes[body.mesh.sides(below, one)[:, 0], 0]] for one in found]
+    first, second = (np.concatenate(body.comm.allgather(one)) for one in piece)
+    size = Side(body, found[0]).size
+    finest = min(np.unique(first).tolist(), key=lambda one: float(size[first == one].mean()))
+    kept = _kept_bodies(free, {*first.tolist()}, {*second.tolist()}, finest)
+    if kept is None:
         reason = "both regions hold facets of several bodies; pick one body, or give a group"
         raise _refused(body, reason, key)
-    elif free[1] and (not free[0] or first.size == 1):
-        kept = np.full(of[0].size, True), ~np.isin(of[1], first)
-    else:
-        kept = ~np.isin(of[0], second), np.full(of[1].size, True)
-    if not all(comm.allreduce(int(part.sum())) for part in kept):
+    if not all(kept):
         reason = "the box or plane holds facets of one body only; bodies that share nodes are one "
         reason += "(geometry.glue = false keeps those of a CAD file apart)"
         raise _refused(body, reason, key)
-    return [one[part] for one, part in zip(found, kept, strict=True)]
+    return [one[np.isin(of, [*held])] for one, of, held in zip(found, piece, kept, strict=True)]
+
+
+def _kept_bodies(
+    free: Sequence[bool], first: set[int], second: set[int], finest: int
+) -> tuple[set[int], set[int]] | None:
+    """The bodies of which two regions keep their facets; None if it is in doubt.
+
+    A set is empty if both regions hold the same body only.
+
+    Args:
+        free: whether each region is a box or a plane, which may leave bodies out.
+        first: the bodies of the facets of the first region.
+        second: those of the second one.
+        finest: the body of the smallest facets in the first region.
+    """
+    if all(free) and first == second and len(first) == 2:
+        return {finest}, second - {finest}
+    if all(free) and min(len(first), len(second)) > 1:
+        return None
+    if free[1] and (not free[0] or len(first) == 1):
+        return first, second - first
+    return first - second, second
 
 
 class Averages(NamedTuple):
