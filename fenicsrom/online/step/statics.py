@@ -245,11 +245,14 @@ def equilibrium(problem: Problem) -> tuple[Array, int]:
     statics = _Statics(problem)
     q = statics.rest
     touching = statics.touches(q)
-    if touching and statics.balanced(q):  # bodies that were brought together
+    held, balanced = statics.balance(q) if touching else (False, False)
+    if balanced:  # bodies that were brought together
         return q, 0
     model = problem.model
-    if statics.held and isinstance(model, ReducedModel) and not model.pressure.numbers.size:
+    if held and isinstance(model, ReducedModel) and not model.pressure.numbers.size:
         return statics.brought_together(q), 0
+    if held:
+        statics.static_force = statics.loads
     if not touching:
         is_free = model.linear or not problem.contacts.preload.size
         unstable = 0 if is_free else statics.unstable(q)
@@ -332,12 +335,16 @@ class _Statics:
         self.start, self.end = (zero_contact_state(count, dimension) for _ in range(2))
         # (P,) normal forces at rest, N: the pressure of the contacts that is added in parts
         self.pressed: Array = np.zeros(count)
-        self.held = False  # whether contacts hold the body at rest
         zero = np.zeros_like(model.load(0.0))
         self.rest = zero if problem.rest is None else problem.rest
         model.set_at_rest()
         self.static_force = model.elastic_at(self.rest)[0].copy()
         self.undeformed = model.contact_displacement(self.rest).reshape(-1, dimension).copy()
+
+    @property
+    def loads(self) -> Array:
+        """The static loads (n,), N."""
+        return np.asarray(self.model.loads @ static_factors(self.model.load_histories))
 
     def touches(self, q: Array) -> bool:
         """Whether a contact presses at q (n,), the start of the load steps of its pressure."""
@@ -345,27 +352,22 @@ class _Statics:
         self.pressed = np.maximum(self.start.trial_normal_force, 0.0)
         return bool(np.any(self.pressed > 0.0))
 
-    def balanced(self, q: Array) -> bool:
-        """Whether the contact forces at q (n,), after `touches`, balance body and static loads.
+    def balance(self, q: Array) -> tuple[bool, bool]:
+        """Whether the contacts hold the body at q (n,), after `touches`, and whether in balance.
 
-        The forces are compared by their responses with (K + c M)⁻¹, because K is singular where
-        contacts alone hold a part of the body. What is left is compared with the sum of the sizes
-        of the responses to each force, because pressures on two sides may cancel each other. The
-        body is `held` if body and loads need the forces.
+        They hold it if body and static loads are not in balance alone. The forces are compared by
+        their responses with (K + c M)⁻¹, because K is singular where contacts alone hold a part of
+        the body. What is left is compared with the sum of the sizes of the responses to each
+        contact force, because pressures on two sides may cancel each other.
         """
         model, directions = self.model, self.scratch.directions
-        loads = model.loads @ static_factors(model.load_histories)
-        out_of_balance = model.elastic_at(q)[0] - loads
-        settings = REGULAR, 0.0, self._tangent(q)
-        y, unit, _ = model.solve_effective(*settings, out_of_balance.copy(), directions)
+        out_of_balance = model.elastic_at(q)[0] - self.loads
+        tangent = self._tangent(q)
+        y, unit, _ = model.solve_effective(REGULAR, 0.0, tangent, out_of_balance, directions)
         forces = (self.start.normal + self.start.friction).reshape(-1)
-        pushed = unit @ forces
         each = sum(np.abs(f * one) for f, one in zip(forces, unit.T, strict=True) if f)
         least = BALANCED * mass_norm(model, each)
-        self.held = mass_norm(model, y) > least
-        if self.held:
-            self.static_force = loads
-        return mass_norm(model, y - pushed) <= least
+        return mass_norm(model, y) > least, mass_norm(model, y - unit @ forces) <= least
 
     def brought_together(self, q: Array) -> Array:
         """The equilibrium near q (n,) of bodies that touch, whose contacts or loads have changed.
@@ -376,7 +378,7 @@ class _Statics:
         x = np.asarray(self.model.contact_displacement(q)).copy()
         found = together(self.model, self.contacts, sliding(self.contacts, x), q)
         self.touches(found)
-        if not self.balanced(found):
+        if not self.balance(found)[1]:
             raise ConvergenceError(
                 "a round surface presses on bodies that touch before the motion begins: give it a "
                 "larger gap, a gap and an approach, or waves of another phase",
