@@ -371,7 +371,10 @@ def hermitian_eigenmodes(mass: PETSc.Mat, inverse: Inverse, count: int) -> tuple
     start = solve(inertia(1.0 + 0.5 * np.sin(1.0 + np.arange(size, dtype=float)) + 0.0j))
     try:
         squares, z = eigsh(
-            *(solve, pairs, inertia, 0.0),
+            solve,  # in place of K, of which only the size counts beside OPinv
+            pairs,
+            M=inertia,
+            sigma=0.0,
             v0=start,
             ncv=min(2 * pairs + SPARE_VECTORS // 2, size),
             tol=EIGEN_TOLERANCE,

@@ -276,8 +276,9 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         if name in found and name not in curves
     }
     sides = np.searchsorted(numbers, boundary[:, : SHAPES[facet_kind(kind)].corners])
-    of = facet_groups, cell_groups, sizes, found, warnings
-    return CleanModel(*of, alone, sector=find_sector(points, sides))
+    return CleanModel(
+        facet_groups, cell_groups, sizes, found, warnings, alone, sector=find_sector(points, sides)
+    )
 
 
 def _solid_cells(

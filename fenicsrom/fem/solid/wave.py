@@ -83,8 +83,9 @@ class Wave:
         self.rigid = mass_orthonormal(self, _rigid_masters(sector, h))
         self.factor: Factorisation | FreeFactorisation
         if self.rigid.shape[1] and not self._drifts:
-            of = self._stiffness, self.rigid, self._mass
-            self.factor = FreeFactorisation(*of, "fenicsrom_wave")
+            self.factor = FreeFactorisation(
+                self._stiffness, self.rigid, self._mass, "fenicsrom_wave"
+            )
         else:
             self.factor = Factorisation(self._stiffness, "fenicsrom_wave")
 
@@ -101,8 +102,9 @@ class Wave:
         if self.double and self._mass.comm.size == 1 and 0 < asked < self.free // 4:
             squares, modes = hermitian_eigenmodes(self._mass, inverse, asked)
         else:
-            of = self._stiffness, self._mass, inverse, max(asked, 0)
-            squares, modes = eigenmodes(*of, "fenicsrom_wave_modes")
+            squares, modes = eigenmodes(
+                self._stiffness, self._mass, inverse, max(asked, 0), "fenicsrom_wave_modes"
+            )
         common = self.mass_inner(self.rigid, modes)
         elastic = np.sum(common**2, axis=0) < 0.5
         modes = (modes - self.rigid @ common)[:, elastic]
