@@ -52,6 +52,7 @@ from fenicsrom.online.contact.points import (
 )
 from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.contact.together import all_closed, require_planes, sticking
+from fenicsrom.online.kernels.dense import interpolation_weights
 from fenicsrom.online.model.loads import PressurePolynomial, histories_of
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial
 from fenicsrom.reduction.basis import strain_products
@@ -364,7 +365,7 @@ class Solid(ElasticBody):
         observed += [load.place for load in self.loads if not load.everywhere]
         self.probe_rows, self.probe_position = np.zeros((0, self.local)), np.full(3, np.nan)
         if observed:
-            among = None if scene.probe else self.sides.get(0, (None,))[0]
+            among = self.sides[0][0] if scene.probe is None and 0 in self.sides else None
             self.probe_rows, self.probe_position = self._places.find(observed[0], "probe", among)
 
     def _set_loads(self) -> None:
@@ -594,7 +595,8 @@ class Solid(ElasticBody):
             for part in parts:
                 begin = rest + at[-1] * force
                 known = at[-EXTRAPOLATED:]
-                ahead = np.array(found[-EXTRAPOLATED:]).T @ _extrapolation(known, part)
+                weights = interpolation_weights(known, part)
+                ahead = np.array(found[-EXTRAPOLATED:]).T @ weights
                 found.append(statics.follow(found[-1], begin, rest + part * force, predicted=ahead))
                 at.append(part)
         return np.array(found[1:]).T
@@ -675,13 +677,6 @@ class Solid(ElasticBody):
         """Make a factor that of the symmetric part of the tangent at the equilibrium."""
         self.tangent(self.equilibrium, factor.matrix)
         factor.update()
-
-
-def _extrapolation(known: Sequence[float], to: float) -> Array:
-    """Weights (k,) that extrapolate values at k points to another point (Lagrange)."""
-    return np.array(
-        [np.prod([(to - b) / (a - b) for b in known if b != a], initial=1.0) for a in known]
-    )
 
 
 def solid_of(

@@ -28,6 +28,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.curves import curve as curves
+from fenicsrom.online.kernels.dense import interpolation_weights
 from fenicsrom.online.periodic.shooting import STAYS, hold_sliders
 
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.01, 0.05, 1e-7  # along a curve, with the lengths (1)
@@ -401,10 +402,7 @@ class ArcLength:
 
         def depth(arc: float) -> float:
             nonlocal best
-            weights = [
-                np.prod([(arc - b) / (a - b) for b in np.delete(arcs, i)])
-                for i, a in enumerate(arcs)
-            ]
+            weights = interpolation_weights([*arcs], arc)
             found = self.correct(np.tensordot(weights, places, axes=1), chord)
             if found is None:
                 return 0.0  # lower than any point; the search computes with the value

@@ -12,6 +12,8 @@ positive definite matrix with almost the least condition number that a diagonal 
 der Sluis, Numerische Mathematik 14, 1969).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numba import types
 from numba.extending import overload
@@ -51,6 +53,13 @@ def orthonormal(vectors: Array, gram: Array, least: float) -> Array:
     values, axes = np.linalg.eigh(gram / np.outer(size, size))
     kept = values > least
     return np.asarray(vectors @ (axes[:, kept] / np.sqrt(values[kept]) / size[:, None]))
+
+
+def interpolation_weights(known: Sequence[float], at: float) -> Array:
+    """Weights (k,) that give the value at a point from those at k points, by one polynomial."""
+    return np.array(
+        [np.prod([(at - b) / (a - b) for b in known if b != a], initial=1.0) for a in known]
+    )
 
 
 MANY_ROWS = 8  # of a matrix whose product combines its columns

@@ -37,6 +37,7 @@ from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact.points import closed_springs
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.contact.together import sliding
+from fenicsrom.online.kernels.dense import interpolation_weights
 from fenicsrom.online.model.loads import static_factors
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.polynomial import ElasticPolynomial, paired_cubic, unique_cubic
@@ -246,9 +247,7 @@ class RangeModel:
         Raises:
             ConvergenceError: there is no equilibrium.
         """
-        known, at = self.speeds**2, omega**2
-        weights = [np.prod([(at - b) / (a - b) for b in known if b != a]) for a in known]
-        start = np.array(weights) @ self.equilibria
+        start = interpolation_weights([*self.speeds**2], omega**2) @ self.equilibria
         if self.contacts is not None:
             model = self.model._replace(elastic=self.elastic(omega))
             x = model.contact_offset + model.contact_rows @ start
@@ -421,7 +420,8 @@ class _Space:
             given = whole.model.contact_rows
             flexibility = given @ self.solve(given.T)
             ahead = np.linalg.eigh(0.5 * (flexibility + flexibility.T))[1].T[::-1] @ given
-            rows, ahead = (ahead[:m], ahead[m:]) if interface_modes else (rows, ahead)
+            if interface_modes:
+                rows, ahead = ahead[:m], ahead[m:]
             more = ahead[:NEXT_INTERFACE_MODES]
         attached = self.solve(np.concatenate([rows, more]).T)
         static = attached[:, :m] @ np.linalg.inv(rows @ attached[:, :m])
