@@ -99,16 +99,16 @@ class _Progress:
 
     def note(self, q0: Array, dq: Array) -> None:
         """Note the iterate dq (local,) of a step that starts at q0 (local,)."""
-        change = np.inf
         if not self._comm.allreduce(np.array_equal(q0, self._start), op=MPI.LAND):
             if self.renewals:
                 self._least = self.iteration
             self._start, self.was_long = q0.copy(), self.iteration > self._least + MORE
-            self._change, self.iteration, self.renewals = np.inf, 0, 0
-        elif self.iteration:
+            self.iteration, self.renewals = 0, 0
+            self._change = change = np.inf
+        else:
             change = np.sqrt(self._dot(dq - self._dq, dq - self._dq))
         self.iteration += 1
-        self.is_slow = self.iteration > 2 and not change <= CONTRACTION * self._change
+        self.is_slow = not change <= CONTRACTION * self._change
         self._dq, self._change = dq.copy(), change
 
     @property
