@@ -103,14 +103,16 @@ def _materials(scene: Scene, turns: list[_Turn]) -> list[GroupMaterial]:
     for one in (GroupMaterial(group="", **given), *scene.materials):
         whole = replace(one, axes=one.axes or tuple(map(tuple, np.eye(d - 1, d).tolist())))
         for turn, change in zip(turns, delta, strict=True):
-            moduli = {
-                name: tuple((1.0 + change) * np.array(value))
-                if isinstance(value := getattr(one, name), tuple)
-                else value and (1.0 + change) * value
-                for name in ("young", "shear")
-            }
-            found.append(replace(turn.of(whole), **moduli))
+            young, shear = (_scaled(modulus, 1.0 + change) for modulus in (one.young, one.shear))
+            found.append(replace(turn.of(whole), young=young, shear=shear))
     return found
+
+
+def _scaled(modulus: Any, factor: float) -> Any:
+    """A modulus, or each of several, times a factor; None stays None."""
+    if isinstance(modulus, tuple):
+        return tuple(factor * value for value in modulus)
+    return modulus and factor * modulus
 
 
 def _contacts(scene: Scene) -> list[tuple[int, int]]:
