@@ -210,15 +210,17 @@ class StoredModel(UnderScenes):
             name: None if model is None else model._replace(**changes)
             for name, model in models.items()
         }
-        found = replace(self, scene=scene, **changed)
         moved = rest_changes(self.scene, scene)
+        trained = self.trained and self.trained.after(moved)
+        found = replace(self, scene=scene, trained=trained, **changed)
         if self.whole is not None:
-            trained = self.trained and self.trained.after(moved)
-            found = replace(found, whole=self.whole.under(**changes), trained=trained)
+            found = replace(found, whole=self.whole.under(**changes))
             if scene.rotation != self.scene.rotation:
                 found = found.at_speed()
         found.require_size()
-        return found._together(self.scene.bolts, moved) if moved and not self.whole else found
+        if moved and self.whole is None:
+            return found._together(self.scene.bolts, moved)
+        return found
 
     def _together(self, before: Sequence[Bolt], changes: tuple[Change, ...]) -> StoredModel:
         """The model about the equilibrium of bodies that touch, found in all its coordinates.
@@ -253,7 +255,6 @@ class StoredModel(UnderScenes):
             model=nested_model(every, range(self.size)),
             candidates=None if self.candidates is None else every,
             frequencies_hz=reduced_modes(every, scene, modes)[1],
-            trained=self.trained and self.trained.after(changes),
         )
         if self.tables is not None:
             tables = self.tables.about(q)
