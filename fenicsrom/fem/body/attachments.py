@@ -117,27 +117,26 @@ def set_bolts(body: Any, places: Places, bolts: Sequence[Bolt]) -> None:
             body.couplings = csr_array(body.couplings + body.product(csr_array(apart), across))
         lines.append(line[: body.dimension])
         rows.append(csr_array(apart).toarray())
-        _note_one_body(body, rows[-1], bolt, f"bolts[{k}]")
     if bolts:
         body.bolts = Bolts(np.array(lines), np.array(rows))
+        _note_one_body(body, bolts, body.bolts.apart)
 
 
-def _note_one_body(body: Any, apart: Array, bolt: Bolt, key: str) -> None:
-    """Warn of a bolt, by its R (d, local), whose force meets no contact: both ends are on one body.
+def _note_one_body(body: Any, bolts: Sequence[Bolt], apart: Array) -> None:
+    """Warn of bolts, by their R (b, d, local), whose head and nut are on one body. Collective.
 
-    The body may have a contact with itself, as a clamp with a slit. Collective.
+    Their force meets no contact, unless this body has one with itself, as a clamp with a slit.
     """
     piece, d = node_pieces(body.mesh, body.space)[0].repeat(body.dimension), body.dimension
     contact = np.repeat(body.points.contact, d)
-    sets = [apart, *(body.contact_rows[contact == k] for k in np.unique(contact))]
+    sets = [*apart, *(body.contact_rows[contact == k] for k in np.unique(contact))]
     touched = [{*piece[csr_array(rows).indices].tolist()} for rows in sets]
-    bolted, *pairs = (
-        set().union(*parts) for parts in zip(*body.comm.allgather(touched), strict=True)
-    )
-    if len(bolted) == 1 and bolted not in pairs:
-        text = f"{key}.head = {bolt.head!r} and {key}.nut = {bolt.nut!r} are on one body: the bolt "
-        text += "presses no contact"
-        body.warnings.append(implausible(text))
+    bodies = [set().union(*parts) for parts in zip(*body.comm.allgather(touched), strict=True)]
+    of_contacts = bodies[len(bolts) :]
+    for k, (bolt, held) in enumerate(zip(bolts, bodies, strict=False)):
+        if len(held) == 1 and held not in of_contacts:
+            text = f"bolts[{k}].head = {bolt.head!r} and bolts[{k}].nut = {bolt.nut!r} are on one "
+            body.warnings.append(implausible(f"{text}body: the bolt presses no contact"))
 
 
 def _apart(places: Places, one: tuple[Place, str], other: tuple[Place, str]) -> tuple[Array, Array]:
