@@ -121,8 +121,8 @@ def test_unknown_version_of_numba_gives_the_same_motion_and_stores_its_kernels(
     expected = rubbing_motion().displacement
     assert np.ptp(expected) > 0.1
     for hits in (0, 1):
-        told = str(here.parent), str(here), str(path), str(hits)
-        fresh_python(FALLBACK, *told, NUMBA_CACHE_DIR=str(tmp_path))
+        arguments = str(here.parent), str(here), str(path), str(hits)
+        fresh_python(FALLBACK, *arguments, NUMBA_CACHE_DIR=str(tmp_path))
         np.testing.assert_array_equal(np.fromfile(path).reshape(expected.shape), expected)
 
 
