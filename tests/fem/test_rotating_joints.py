@@ -180,7 +180,7 @@ def test_reduced_motions_of_a_blade_in_its_slot_are_those_of_the_full_model(root
     motions = fr.run(scene).motions
     full = motions["full"]
     spent = full.friction_dissipation[-1]
-    for reduced, error in ((motions["reduced"], 7e-4), (stored.simulate(), 4e-3)):
+    for reduced, error in ((motions["reduced"], 7e-4), (stored.simulate(), 3e-3)):
         assert np.abs(reduced.probe - full.probe).max() < error * np.abs(full.probe).max()
         assert reduced.friction_dissipation[-1] == pytest.approx(spent, rel=4e-3)
     assert spent > 5e-3

@@ -48,7 +48,7 @@ class Rounding(Shooting):
         return found[0] + self.size * np.linalg.norm(s) / np.linalg.norm(error) * error, *found[1:]
 
 
-@pytest.mark.parametrize(("size", "is_found"), [(3e-9, True), (3e-4, False)])
+@pytest.mark.parametrize(("size", "is_found"), [(3e-9, True), (3e-7, False)])
 def test_residual_that_cannot_be_reduced_is_rounding_if_it_is_small(
     size: float, is_found: bool
 ) -> None:

@@ -168,8 +168,7 @@ def _with_sines(problem: Problem, sines: Array) -> Problem:
 log = logging.getLogger(__name__)
 
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
-ROUNDING = 1e-8  # the same, of a residual that stays; stiff joints under bolts reach 1e-9
-NOISE = 1e-5  # residual and step, relative to what moves, of an iteration that rounding ends
+ROUNDING = 1e-8  # of a residual that stays, relative to the variables, in the norm of amplitudes
 ITERATIONS = 60
 PATIENCE = 12
 LONGEST = 0.3  # Newton step relative to the variables; a longer one is shortened
@@ -428,10 +427,9 @@ def solve(
     Where many contact points change their state in a step, the first steps must make the residual
     larger. So it may grow, but a step is at most `LONGEST` times the variables; without contact,
     only one that makes the residual larger. The iteration ends if the steps did not become shorter
-    for `PATIENCE` iterations. A residual of at most `ROUNDING` that an iteration did not make ten
-    times smaller is rounding, and so are a residual and a step of at most `NOISE` of displacements
-    and velocities where the iteration ends: contact forces at rest may be far above those of a
-    small motion.
+    for `PATIENCE` iterations. A residual that an iteration did not make ten times smaller is
+    rounding if the amplitudes that it causes (`Shooting.weights`) are at most `ROUNDING` of those
+    of the variables: forces at rest of stiff joints round the velocities of modes that hardly move.
 
     The last march of `shooting` is that of the motion.
 
@@ -459,8 +457,7 @@ def solve(
         log.debug("shooting, iteration %d: relative residual %.3e", len(residuals), residuals[-1])
         jacobian = matrix - np.eye(s.size)
         free = hold_sliders(jacobian, shooting.sliders)
-        stays = len(residuals) > 1 and residuals[-1] > 0.1 * residuals[-2]
-        if residuals[-1] <= (ROUNDING if stays else tolerance):
+        if residuals[-1] <= tolerance or _rounds(shooting, s, residual, residuals):
             return _motion(shooting, s, matrix, free, end, residuals)
         try:
             step = np.linalg.solve(jacobian, -residual)
@@ -473,9 +470,6 @@ def solve(
             return _motion(shooting, s, matrix, free, end, residuals)
         lengths.append(length)
         if int(np.argmin(lengths)) < len(lengths) - PATIENCE:
-            moves = float(np.linalg.norm(np.delete(s, shooting.sliders))) / size
-            if max(length, residuals[-1]) <= NOISE * moves:
-                return _motion(shooting, s, matrix, free, end, residuals)
             break
         bound = min(1.0, LONGEST * max(1.0, residuals[-1]) / length)
         s, found = _stepped(shooting, s, step, bound, residuals[-1] * size)
@@ -486,6 +480,14 @@ def solve(
         residuals,
         decrements=residuals,
     )
+
+
+def _rounds(shooting: Shooting, s: Array, residual: Array, residuals: list[float]) -> bool:
+    """Whether a residual stays, and causes amplitudes that are rounding beside those of s."""
+    if len(residuals) < 2 or residuals[-1] <= 0.1 * residuals[-2]:
+        return False
+    causes, moves = shooting.weights @ residual, shooting.weights @ s
+    return bool(np.linalg.norm(causes) <= ROUNDING * np.linalg.norm(moves))
 
 
 def _stepped(
