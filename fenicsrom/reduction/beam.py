@@ -308,7 +308,7 @@ class DenseBody:
         """K times a block (n, k)."""
         return self.stiffness @ block
 
-    held_times = stiffness_times
+    held_times = strain_stiffness_times = stiffness_times
 
     def coupled(self, matrix: csr_array, block: Any) -> Any:
         """A sparse matrix (n, n) times a block (n, k)."""

@@ -1,12 +1,17 @@
 """Viscous damping besides the mass-proportional one: stiffness-proportional, modal, and dashpots.
 
-    C = α M + β K + Σ_k 2 ζ_k ω_k (M φ_k) (M φ_k)ᵀ + D                                   (1)
+    C = α M + β K_ε + Σ_k 2 ζ_k ω_k (M φ_k) (M φ_k)ᵀ + D                                 (1)
 
-K is the stiffness at the equilibrium, and ω_k, φ_k are the frequencies and the mass-normalised
-normal modes there, without contact (Craig and Kurdila, Fundamentals of Structural Dynamics, 2006,
-section 10.3); D is the matrix of the dashpots. Without dashpots a mode φ_k has the damping ratio
-ζ_k + α/(2 ω_k) + β ω_k/2. The last three terms of (1) depend on the body only and not on the basis:
-the full model and all reduced models have the same damping.
+K_ε is the part of the stiffness at the equilibrium that comes from strains and springs. A material
+whose stress grows by β times the rate of stress has the damping β K_ε (Kelvin and Voigt). Stresses
+at the equilibrium, bolts, pressures that follow and rotation change the stiffness K, but dissipate
+nothing: with them β K would give energy to a body that is pressed and held by contact only.
+
+ω_k and φ_k are the frequencies and the mass-normalised normal modes at the equilibrium (Craig and
+Kurdila, Fundamentals of Structural Dynamics, 2006, section 10.3); D is the matrix of the dashpots.
+Without dashpots and static loads a mode φ_k has the damping ratio ζ_k + α/(2 ω_k) + β ω_k/2. The
+last three terms of (1) depend on the body only and not on the basis: the full model and all reduced
+models have the same damping.
 """
 
 import numpy as np
@@ -63,5 +68,5 @@ class ViscousDamping:
         if self.dashpots is not None:
             found += self._structure.coupled(self.dashpots, block)
         if self.stiffness > 0.0:
-            found += self.stiffness * self._structure.stiffness_times(block)
+            found += self.stiffness * self._structure.strain_stiffness_times(block)
         return np.asarray(found)

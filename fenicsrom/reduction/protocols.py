@@ -126,6 +126,9 @@ class Structure(Protocol):
     def stiffness_times(self, block: Array) -> Array:
         """K at the equilibrium times a block (local, k)."""
 
+    def strain_stiffness_times(self, block: Array) -> Array:
+        """The part of K that comes from strains and springs, times a block (local, k)."""
+
     def held_times(self, block: Array) -> Array:
         """The matrix of which `factor` is the inverse, times a block (local, k)."""
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from support import STOCKY, beam_scene, dense, enriched, free_unknowns, make_solid
 
+from fenicsrom.fem.body.supports import node_pieces
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.basis import project
+from tests.boxes import stacked
+from tests.fem.test_pairs import scene_of as pair_scene
 
 pytestmark = pytest.mark.slow
 
@@ -52,9 +56,9 @@ def test_full_model_moves_as_its_reduced_model_of_all_modes(overrides: Any) -> N
     np.testing.assert_allclose(reduced.displacement, full.displacement, atol=1e-3 * size)
 
 
-def test_damping_follows_the_equilibrium() -> None:
-    """A static axial tension stiffens the beam, and its damping with it."""
-    pull = {"group": "tip", "direction": [1.0, 0.0], "force": 5e7}
+def test_stiffness_damping_is_that_of_strains_and_no_stress_changes_it() -> None:
+    """A static pull stiffens the beam by 11 %."""
+    pull = {"group": "tip", "direction": [1.0, 0.0], "force": 1e6}
     shake = {
         "group": "load",
         "at": "centre",
@@ -62,8 +66,41 @@ def test_damping_follows_the_equilibrium() -> None:
         "force": 1.0,
         "frequency": 100.0,
     }
-    free = make_solid(beam_scene(2, (*STOCKY, *STEPS), damping=DAMPING, loads=[shake]))
-    held = make_solid(beam_scene(2, (*STOCKY, *STEPS), damping=DAMPING, loads=[shake, pull]))
+    free, held = (
+        make_solid(beam_scene(2, (*STOCKY, *STEPS), damping={"stiffness": 2e-5}, loads=loads))
+        for loads in ([shake], [shake, pull])
+    )
     shape = free.eigenmodes(free.factor, 1)[1]
-    one, other = (float(s.inner(shape, s.viscous.times(shape))[0, 0]) for s in (free, held))
-    assert other > 1.01 * one
+    stiffness, damping = (
+        [float(s.inner(shape, times(s))[0, 0]) for s in (free, held)]
+        for times in (lambda s: s.stiffness_times(shape), lambda s: s.viscous.times(shape))
+    )
+    assert stiffness[1] > 1.1 * stiffness[0]
+    assert damping[1] == pytest.approx(damping[0], rel=1e-3)
+    assert damping[0] == pytest.approx(2e-5 * stiffness[0], rel=1e-9)
+
+
+def test_stiffness_damping_of_a_body_that_contact_alone_holds_takes_energy(tmp_path: Path) -> None:
+    """A dead force that presses a block has a negative stiffness as the block turns."""
+    scene = pair_scene(
+        stacked(tmp_path / "two.vtu", 2, 4, 3),
+        2,
+        {"group": "1 low y", "against": "0 high y"},
+        geometrically_nonlinear=True,
+        supports=[{"group": "0 low y"}],
+        loads=[{"group": "1 high y", "force": 1e8, "direction": [0.0, -1.0]}],
+        damping={"stiffness": 1e-5},
+        time={"duration": 1.0, "step": 0.1},
+    )
+    body = make_solid(scene)
+    keep = free_unknowns(body)
+    unit = np.zeros((body.local, keep.size))
+    unit[keep, np.arange(keep.size)] = 1.0
+    values = np.linalg.eigvalsh(body.viscous.times(unit)[keep])
+    assert values.min() > -1e-12 * values.max()
+    piece = node_pieces(body.mesh, body.space)[0]
+    x = body.space.tabulate_dof_coordinates()[:, :2] + body.equilibrium.reshape(-1, 2)
+    upper = piece == piece[np.argmax(x[:, 1])]
+    turned = (upper[:, None] * (x @ [[0.0, 1.0], [-1.0, 0.0]])).reshape(-1, 1)
+    assert turned.T @ body.stiffness_times(turned) < -1e5
+    assert abs(turned.T @ body.viscous.times(turned)) < 1e-12 * values.max()

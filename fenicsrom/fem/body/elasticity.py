@@ -260,9 +260,11 @@ class ElasticBody:
         predicted = stress(strain - 0.5 * gc.T * gc)
         self._force_form = compiled_form(ufl.inner(f * s, dv) * self.dx)
         self._weight = self.constant(1.0)
+        stretched = f * stress(ufl.sym(f.T * dg))
         self._tangent_form = compiled_form(
-            self._weight * ufl.inner(dg * predicted + f * stress(ufl.sym(f.T * dg)), dv) * self.dx
+            self._weight * ufl.inner(dg * predicted + stretched, dv) * self.dx
         )
+        self._strain_integrand = ufl.inner(stretched, dv) * self.dx
         self._energy_form = compiled_form(0.5 * ufl.inner(s, strain) * self.dx)
         self._derivative_form = compiled_form(ufl.inner(gx * sy + gy * sx + f * sxy, dv) * self.dx)
 

@@ -363,7 +363,7 @@ class FullModel:
         self._effective.axpy(wanted.mass, self._mass, structure=_SUBSET)
         if self._viscous.stiffness > 0.0:
             weight = wanted.velocity * self._viscous.stiffness
-            self._effective.axpy(weight, self._solid.stiffness, structure=_SAME)
+            self._effective.axpy(weight, self._solid.strain_stiffness, structure=_SAME)
         add_entries(self._effective, wanted.velocity * self._solid.dashpots)
         if self._solid.gyroscopic is not None and wanted.velocity != 0.0:
             self._effective.axpy(wanted.velocity, self._solid.gyroscopic, structure=_SUBSET)

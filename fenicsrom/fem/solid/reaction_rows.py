@@ -169,8 +169,9 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
         velocity += mass_products(viscous.modes) @ solid.inner(viscous.modal, vectors)
         velocity += solid.inner(tests, solid.coupled(solid.dashpots, vectors))
         if viscous.stiffness > 0.0:
-            strains = solid.inner(solid.unclamped_tangent_times(tests), vectors)
-            velocity += viscous.stiffness * (strains + static[:, 1:])
+            strains = solid.inner(solid.unclamped_strain_stiffness_times(tests), vectors)
+            held = solid.inner(tests, solid.coupled(solid.spring_couplings, vectors))
+            velocity += viscous.stiffness * (strains + held)
     loads = [solid.load_vector(load, f"loads[{k}]") for k, load in enumerate(solid.loads)]
     unit = np.array(loads).reshape(len(loads), solid.local).T
     return mass_products(vectors), velocity, static, solid.inner(tests, unit)

@@ -21,6 +21,7 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
+from fenicsrom.fem.base.forms import compiled_form
 from fenicsrom.fem.base.linalg import add_entries, eigenmodes, multiply
 from fenicsrom.fem.body.attachments import attach, set_bolts
 from fenicsrom.fem.body.elasticity import AnyFactor, ElasticBody, Joint
@@ -115,6 +116,7 @@ class Solid(ElasticBody):
         pairs: a sentence on each of them, and on each tie.
         sides: the nodes of both regions of each contact between bodies, by its number.
         tied: (k, d) the places of the nodes of each tie, m.
+        spring_couplings: the `couplings` without those of bolts.
         probe_rows: (d, local) displacement of the probe in global axes; (0, local) without a probe.
         probe_position: (3,) position of the probe, m.
         load_vectors: (local, loads) load vectors of unit loads, at the equilibrium.
@@ -162,6 +164,7 @@ class Solid(ElasticBody):
             stiffness, places = tie(self, one, k)
             self.couplings = csr_array(self.couplings + stiffness)
             self.tied.append(places)
+        self.spring_couplings = self.couplings
         springs = [self.couplings]
         set_bolts(self, self._places, scene.bolts)
         self.joined = scene.joined
@@ -292,6 +295,18 @@ class Solid(ElasticBody):
         )
 
     @cached_property
+    def strain_stiffness(self) -> PETSc.Mat:
+        """The part K_ε of K that comes from strains and springs: `fenicsrom.reduction.damping`."""
+        matrix = self.with_room(self.matrix(self._strain_form(), 1.0))
+        add_entries(matrix, self.spring_couplings)
+        return matrix
+
+    def _strain_form(self) -> fem.Form:
+        """The form of the stiffness of strains, whose fields are those of the equilibrium."""
+        self.set_field(self._u, self.equilibrium if self._bends else np.zeros(self.local))
+        return compiled_form(self._strain_integrand) if self._bends else self._tangent_form
+
+    @cached_property
     def factor(self) -> AnyFactor:
         """K⁻¹, factorised once for modes, attachments, constraints and derivatives.
 
@@ -317,7 +332,8 @@ class Solid(ElasticBody):
         made = vars(self)  # without those that were not made
         if "factor" in made:
             self.factor.destroy(matrix=True)
-        matrices = [made.get("mass"), made.get("gyroscopic"), self._tangent_workspace]
+        matrices = [made.get(name) for name in ("mass", "gyroscopic", "strain_stiffness")]
+        matrices.append(self._tangent_workspace)
         if self.rotation is not None:
             matrices += self.rotation.matrices
         for matrix in matrices:
@@ -455,6 +471,10 @@ class Solid(ElasticBody):
         """K times a block (local, k)."""
         return multiply(self.stiffness, block)
 
+    def strain_stiffness_times(self, block: Array) -> Array:
+        """K_ε times a block (local, k)."""
+        return multiply(self.strain_stiffness, block)
+
     def held_times(self, block: Array) -> Array:
         """The matrix of which `factor` is the inverse, times a block (local, k)."""
         return multiply(self.factor.matrix, block)
@@ -471,10 +491,9 @@ class Solid(ElasticBody):
         """G times a block (local, k); the scene must include the Coriolis force."""
         return multiply(self.gyroscopic, block)
 
-    def unclamped_tangent_times(self, block: Array) -> Array:
-        """The tangent of the elastic force in K, without supports, times a block (local, k)."""
-        self.set_field(self._u, self.equilibrium if self._bends else np.zeros(self.local))
-        matrix = fem.petsc.assemble_matrix(self._tangent_form)
+    def unclamped_strain_stiffness_times(self, block: Array) -> Array:
+        """K_ε without supports and springs, times a block (local, k)."""
+        matrix = fem.petsc.assemble_matrix(self._strain_form())
         matrix.assemble()
         product = multiply(matrix, block)
         matrix.destroy()
@@ -619,7 +638,13 @@ class Solid(ElasticBody):
         if self.gyroscopic is not None:
             self.gyroscopic.destroy()
         self.gyroscopic = self.rotation.gyroscopic()
+        self._forget_damping()
+
+    def _forget_damping(self) -> None:
+        """Forget the damping of the equilibrium so far. Collective."""
         vars(self).pop("viscous", None)
+        if (matrix := vars(self).pop("strain_stiffness", None)) is not None:
+            matrix.destroy()
 
     def load_moments(self, block: Array) -> Array:
         """The moment of each unit load about the axis of rotation, with the loads on supports.
@@ -640,6 +665,8 @@ class Solid(ElasticBody):
         K, its factor and the damping stay those of the last equilibrium.
         """
         assert self.rotation is not None
+        if self._damping.stiffness > 0.0:
+            _ = self.strain_stiffness
         self.rotation.set_speed(0.0)
         self.equilibrium = np.zeros(self.local)
         if self.gyroscopic is not None:
@@ -662,7 +689,7 @@ class Solid(ElasticBody):
         Raises:
             ConvergenceError: no equilibrium was found.
         """
-        vars(self).pop("viscous", None)  # of the equilibrium so far
+        self._forget_damping()
         with closing(Statics(self, self.factor, overwrite=self.symmetric)) as statics:
             if predicted is not None and not statics.renew(predicted):
                 predicted = None

@@ -225,7 +225,7 @@ class Damping:
     for a range of speeds has the C of `rotation.speed_rpm` at all speeds.
 
     Attributes:
-        stiffness: factor β of the stiffness matrix.
+        stiffness: factor β of the stiffness of strains and springs.
         ratios: damping ratios ζ_k of the first normal modes (of each nodal diameter), or one for
             all.
         modes: number of modes with one ratio.
