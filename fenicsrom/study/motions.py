@@ -255,7 +255,9 @@ def check(study: Study) -> None:
 
 def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] | None:
     """Write the estimated errors of the motions; give the model and the error that rejects it."""
+    from fenicsrom.assess.errors.shortening import shortening_notes
     from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors
+    from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.motion.motion import check_energy
     from fenicsrom.reduction.training import beyond, duration, probe_amplitude
 
@@ -276,6 +278,8 @@ def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] 
     notes = error_notes(scene, found.errors, motion)
     said = {note.quantity for note in outside}
     found.warnings.extend([*outside, *(note for note in notes if note.quantity not in said)])
+    if isinstance(found.model, ReducedModel):
+        found.warnings.extend(shortening_notes(found.stored, motion))
     return None
 
 

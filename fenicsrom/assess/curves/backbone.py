@@ -20,6 +20,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.results import CurveRecord, require_polynomial, required_table
 from fenicsrom.assess.errors.estimates import BASIS_SAFETY
+from fenicsrom.assess.errors.shortening import shortening_notes
 from fenicsrom.assess.errors.sizing import candidate_energies, growing, spare_coordinates, unreached
 from fenicsrom.assess.errors.verdicts import CONTACT_ERROR, FREQUENCY_ERROR
 from fenicsrom.errors import ConvergenceError, ErrorKind, job_error, refuse
@@ -212,6 +213,10 @@ def backbone(stored: StoredModel, spare: int | None = None) -> Backbone:
             found.warnings.append(Note(NoteKind.ERROR, text, "basis.accuracy"))
         if found.points and not found.interrupted:  # also the peaks of a mode that was lost
             _step_errors(problem, found, unit)
+            largest = max(found.points, key=lambda point: point.linear_amplitude).motion
+            path = _path(problem, found, unit)
+            motion = recorded_motion(path.problem_at(largest.s, largest.parameter), largest.z)
+            found.warnings += shortening_notes(stored, motion, quantity=DAMPING_RATIOS)
             _peaks(problem, found)
     except Exception as cause:
         failure = job_error(cause)

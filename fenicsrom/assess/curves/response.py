@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.curves.balance_walk import BalanceWalk
+from fenicsrom.assess.curves.balance_walk import BalanceWalk, balanced_motion
 from fenicsrom.assess.curves.checks import contradictions, inaccuracies, unknown_errors
 from fenicsrom.assess.curves.peaks import incomplete_peaks, peak_range
 from fenicsrom.assess.curves.pieces import CurveProgress, CurveWalk
@@ -34,6 +34,7 @@ from fenicsrom.assess.curves.results import (
 )
 from fenicsrom.assess.curves.stability_search import resolved_events
 from fenicsrom.assess.curves.trust import Check, RicherModel
+from fenicsrom.assess.errors.shortening import shortening_notes
 from fenicsrom.assess.jobs import Workers, run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError, job_error
 from fenicsrom.notes import AMPLITUDES, EVENTS, PEAKS, STABILITY, Note, NoteKind
@@ -41,7 +42,7 @@ from fenicsrom.online.curves.continuation import ForcedPeak
 from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, REPEATS, CurvePoint, Extremes, Piece
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.model.model import Problem
-from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, recorded_motion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
@@ -132,6 +133,8 @@ def response(
         found.warnings += _light_modes(stored)
     found.warnings += _one_speed(scene)
     _warn_of_errors(found)
+    if isinstance(stored, StoredModel):
+        _warn_of_shortening(found, stored)
     _warn_of_peaks(found, stored)
     found.warnings = joined_notes(found)
     found.seconds = working_time() - begin
@@ -283,6 +286,25 @@ def _warn_of_errors(found: Response) -> None:
         if said and found.unfinished is None:
             worst = said[0]
             found.unfinished = AccuracyError(f"response: {title}{worst}", quantity=worst.quantity)
+
+
+def _warn_of_shortening(found: Response, stored: StoredModel) -> None:
+    """Judge what stiffness damping takes from the largest motion of each curve."""
+    families = found.table.families
+    if found.interrupted or found.scene.damping.stiffness == 0.0:
+        return
+    for curve in found.curves:
+        own = stored if families is None else stored.with_values({families.key: curve.value})
+        top = max(curve.points, key=lambda point: float(point.amplitude.max()))
+        try:
+            if curve.harmonics:
+                motion = balanced_motion(own, top)
+            else:
+                motion = recorded_motion(family_of(own)(top.parameter), top.z, top.periods)
+        except ConvergenceError:
+            continue
+        title = curve_title(found.scene, curve.value)
+        found.warnings += shortening_notes(own, motion, title, AMPLITUDES)
 
 
 def _warn_of_peaks(found: Response, stored: Reduced) -> None:

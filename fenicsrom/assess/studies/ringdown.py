@@ -24,10 +24,11 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.curves.backbone import STILL, change_notes, linear_mode
 from fenicsrom.assess.curves.results import CurveRecord, require_polynomial
+from fenicsrom.assess.errors.shortening import shortening_notes
 from fenicsrom.assess.studies.batch import Batch
 from fenicsrom.assess.studies.sweep_runs import digest_of
 from fenicsrom.errors import ConvergenceError, ErrorKind, job_error, refuse
-from fenicsrom.notes import Note, NoteKind
+from fenicsrom.notes import DAMPING_RATIOS, Note, NoteKind, packed, unpacked
 from fenicsrom.online.curves.nonlinear_mode import LinearMode
 from fenicsrom.online.model.model import Problem
 from fenicsrom.online.motion.motion import Motion
@@ -135,7 +136,8 @@ def ringdown(stored: StoredModel, folder: Path | None = None, **how: Any) -> Rin
             found.unfinished = found.unfinished or job_error(one)
             found.warnings.append(Note(NoteKind.FAILED, f"{name}: {one}"))
         elif not (key := VARIANTS[name]):
-            found.periods, found.curve = one
+            found.periods, found.curve, notes = one
+            found.warnings += unpacked(notes)
         elif pairs := list(zip(found.periods, one[0], strict=False)):
             frequency = max(abs(better.frequency / p.frequency - 1.0) for p, better in pairs)
             ratio = max(abs(better.damping_ratio - p.damping_ratio) for p, better in pairs)
@@ -146,8 +148,8 @@ def ringdown(stored: StoredModel, folder: Path | None = None, **how: Any) -> Rin
     return found
 
 
-def _decay(job: tuple[StoredModel, float]) -> tuple[list[Period], Array]:
-    """Periods and curve of a model with its step divided by a factor; errors as `ringdown`."""
+def _decay(job: tuple[StoredModel, float]) -> tuple[list[Period], Array, list[list[str]]]:
+    """Periods, curve and notes of a model, its step divided by a factor; errors as `ringdown`."""
     (stored, shorter), scene, model = job, job[0].scene, job[0].model
     table, settings = scene.ringdown, scene.time
     mode, _, unit = linear_mode(stored, Problem.of(model, scene), "ringdown")
@@ -175,7 +177,9 @@ def _decay(job: tuple[StoredModel, float]) -> tuple[list[Period], Array]:
     if not periods:
         raise ConvergenceError("the decay has no period: it is damped too much, or friction holds")
     least = table.smallest * periods[0].linear_amplitude
-    return [p for p in periods if p.linear_amplitude >= least], np.array([motion.time, moved])
+    kept = [p for p in periods if p.linear_amplitude >= least]
+    notes = shortening_notes(stored, motion, quantity=DAMPING_RATIOS)
+    return kept, np.array([motion.time, moved]), packed(notes)
 
 
 def _loaded(scene: Scene, time: Time, *rows: tuple[float, float]) -> Scene:

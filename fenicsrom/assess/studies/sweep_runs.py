@@ -12,6 +12,7 @@ import numpy as np
 
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.plausibility import equilibrium_warnings
+from fenicsrom.assess.errors.shortening import shortening_notes
 from fenicsrom.assess.errors.sizing import fitted
 from fenicsrom.assess.errors.verdicts import error_notes, estimate_errors, multiplicity_warnings
 from fenicsrom.assess.rotation.disk_run import disk_run
@@ -185,7 +186,7 @@ def _measured(stored: StoredModel) -> dict[str, Any]:
     except AccuracyError as error:
         found["outcome"] = DOUBTFUL
         warnings.insert(0, Note(NoteKind.ERROR, str(error)))
-    warnings += error_notes(scene, errors, motion)
+    warnings += error_notes(scene, errors, motion) + shortening_notes(stored, motion)
     warnings += beyond(stored.trained, scene, probe_amplitude(motion), duration(motion))
     return found | _judged(warnings, errors)
 
