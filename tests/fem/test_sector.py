@@ -54,9 +54,10 @@ def found(points: Any, cells: Any) -> Sector | None:
     """The sector of a mesh of hexahedra, or of quadrilaterals."""
     kind = HEXAHEDRON if cells.shape[1] == 8 else QUADRILATERAL
     sides = facets_of(kind, cells)
-    sides = sides.reshape(-1, sides.shape[-1])
-    first, _, count = distinct(sides)
-    return find_sector(points, sides[first[count == 1]])
+    first, _, count = distinct(rows := sides.reshape(-1, sides.shape[-1]))
+    alone = first[count == 1]
+    inside = points[cells].mean(axis=1)[alone // sides.shape[1]]
+    return find_sector(points, rows[alone], inside)
 
 
 @pytest.mark.parametrize("number", [3, 24])
@@ -90,10 +91,11 @@ def test_sector_between_curved_or_kinked_cuts_is_found(shift: Any) -> None:
     assert sector.distances(np.zeros(3)) == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("inner", [0.06, 0.0])
-def test_plane_sector_is_found(inner: float) -> None:
-    """Without a bore, the cut faces meet on the axis."""
+@pytest.mark.parametrize(("inner", "clockwise"), [(0.06, 0), (0.0, 0), (0.06, 2)])
+def test_plane_sector_is_found(inner: float, clockwise: int) -> None:
+    """Without a bore, the cut faces meet on the axis; some cells may go round the other way."""
     points, cells = bottom(*ring(15.0, inner))
+    cells[:clockwise] = cells[:clockwise, ::-1]
     points[:, 0] += 0.1
     sector = found(points, cells)
     assert sector is not None and sector.number == 24

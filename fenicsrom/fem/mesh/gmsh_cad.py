@@ -93,13 +93,20 @@ def cell_sides(gmsh: Any, entity: int, kind: int, d: int) -> Ints:
     return np.reshape(nodes, (rows, -1)) if number else np.empty((0, 0), dtype=np.uint64)
 
 
-def boundary_facets(gmsh: Any, d: int, solid: list[int], kind: int) -> Ints:
-    """Node numbers (k, nodes) of the facets that belong to one cell only."""
+def boundary_facets(gmsh: Any, d: int, solid: list[int], kind: int) -> tuple[Ints, Ints]:
+    """Find the facets that belong to one cell only.
+
+    Returns:
+        Node numbers (k, nodes) of the facets, and (k, m) of the corners of all facets of their
+        cells.
+    """
     sides = [rows for entity in solid if len(rows := cell_sides(gmsh, entity, kind, d - 1))]
-    rows = np.concatenate(sides)
-    vertices = len(SHAPES[straight_kind(gmsh, kind)].facets[0])
-    first, _, count = distinct(rows[:, :vertices])
-    return rows[first[count == 1]]
+    rows, facets = np.concatenate(sides), SHAPES[straight_kind(gmsh, kind)].facets
+    corners = rows[:, : len(facets[0])]
+    first, _, count = distinct(corners)
+    alone = first[count == 1]
+    around = corners.reshape(-1, corners.shape[1] * len(facets))[alone // len(facets)]
+    return rows[alone], around
 
 
 def straight_kind(gmsh: Any, kind: int) -> int:

@@ -243,7 +243,7 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     edges = _edges_of_sets(gmsh, in_cells[SOLID], given, sets, corners)
     node_groups, left_out = _node_groups(gmsh, source, d, sets, edges, corners)
     rows = {name: elements_of(gmsh, d - 1, on, facet) for name, on in in_facets.items()}
-    boundary = boundary_facets(gmsh, d, in_cells[SOLID], given)
+    boundary, around = boundary_facets(gmsh, d, in_cells[SOLID], given)
     if sets:
         rows = _facets_of_sets(boundary, SHAPES[facet].nodes, sets) | rows
     facets, facet_tags, facet_groups = _combine(rows)
@@ -276,9 +276,9 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         if name in found and name not in curves
     }
     sides = np.searchsorted(numbers, boundary[:, : SHAPES[facet_kind(kind)].corners])
-    return CleanModel(
-        facet_groups, cell_groups, sizes, found, warnings, alone, sector=find_sector(points, sides)
-    )
+    inside = points[np.searchsorted(numbers, around)].mean(axis=1)
+    sector = find_sector(points, sides, inside)
+    return CleanModel(facet_groups, cell_groups, sizes, found, warnings, alone, sector=sector)
 
 
 def _solid_cells(

@@ -220,7 +220,7 @@ def _described(
     for name, (nodes, _) in clean.nodes.items():
         groups.append(_group(name, "nodes", points[nodes][:, None], d, None, nodes))
     if d == 3:
-        shown = gmsh_cad.boundary_facets(gmsh, d, entities, given)
+        shown, _ = gmsh_cad.boundary_facets(gmsh, d, entities, given)
         shown = shown[:, : SHAPES[facet_kind(kind)].corners]
     else:
         shown = gmsh_cad.elements_of(gmsh, d, entities, kind)

@@ -114,14 +114,14 @@ class _Surface(NamedTuple):
     sides: Ints
 
 
-def _surface(points: Floats, facets: Ints) -> _Surface:
-    """The boundary of facets (m, c) with corners in points (n, 3)."""
+def _surface(points: Floats, facets: Ints, inside: Floats) -> _Surface:
+    """The boundary of facets (m, c) with corners in points (n, 3), beside places (m, 3) inside."""
     x = points[facets]
     across = (x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     if facets.shape[1] == 4:
         across = (x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
     areas = 0.5 * np.cross(*across)
-    areas *= np.sign(np.einsum("ki,ki->", x.mean(axis=1), areas))  # outer normals
+    areas *= np.sign(np.einsum("ki,ki->k", x.mean(axis=1) - inside, areas))[:, None]  # outer
     ends = np.sort(np.stack([facets, np.roll(facets, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     of, order = np.repeat(np.arange(len(facets)), facets.shape[1]), np.lexsort(ends.T)
     same = np.flatnonzero((ends[order][1:] == ends[order][:-1]).all(axis=1))
@@ -151,18 +151,19 @@ class _Turn(NamedTuple):
         return bool(np.linalg.norm(turned) < SAME and away < SAME * extent)
 
 
-def find_sector(points: Floats, facets: Ints) -> Sector | None:
+def find_sector(points: Floats, facets: Ints, inside: Floats) -> Sector | None:
     """Find two faces of a body that map onto each other by 360°/N, with N > 2.
 
     Args:
         points: coordinates (n, 3), m.
         facets: corners (k, 2 to 4) of the facets of the boundary, as indices of points. Those of a
             body in the plane z = 0 have two.
+        inside: (k, 3) the middle of the cell of each facet, m.
     """
     count = len(points)
     if facets.shape[1] == 2:
         points, facets = _extruded(points, facets)
-    surface = _surface(points, facets)
+    surface = _surface(points, facets, inside)
     sizes = np.linalg.norm(surface.areas, axis=1)
     faces = _faces(surface)
     size = np.array([sizes[face].sum() for face in faces])
