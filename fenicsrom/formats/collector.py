@@ -267,7 +267,7 @@ class Collector:
         axes = set(range(cells[0].shape.dimension)) if cells else set()
         for name, (nodes, components) in self.held.items():
             held = tuple(sorted(components & axes))
-            own = [node for node in self._with_following(nodes, groups) if node in used]
+            own = [node for node in self._with_following(nodes, cells, groups) if node in used]
             if away := set(nodes.tolist()) - used - self.couplings.through:
                 beside = f"the support {name} of {counted(len(away), 'node')} beside the solid"
                 self.leave(f"{beside}; [[supports]] can hold a group of it", True)
@@ -288,10 +288,27 @@ class Collector:
                 found.append((name if name in same else same[0], held))
         return found
 
-    def _with_following(self, nodes: Ints, groups: dict[str, Ints]) -> list[int]:
-        """These nodes; or the group of these and of following nodes, which need no support."""
+    def _with_following(
+        self, nodes: Ints, cells: list[Block], groups: dict[str, Ints]
+    ) -> list[int]:
+        """These nodes, with those of the following face that decks of CalculiX must not hold.
+
+        They are those of a group; or the ends of edges whose middle nodes are held, and the middle
+        nodes of edges whose ends are held.
+        """
         own, wholes = set(nodes.tolist()), (set(of.tolist()) for of in groups.values())
-        return sorted(next((of for of in wholes if of - self.following == own), own))
+        found = max((of for of in wholes if of - self.following == own), key=len, default=own)
+        edges = [
+            block.nodes[:, [*ends, block.shape.corners + k]]
+            for block in (cells if self.following else ())
+            for k, ends in enumerate(block.shape.edges[: block.shape.nodes - block.shape.corners])
+        ]
+        for rows in edges:
+            found |= self.following & set(rows[np.isin(rows[:, 2], nodes), :2].ravel().tolist())
+        for rows in edges:
+            is_held = np.isin(rows[:, :2], [*found]).all(axis=1)
+            found |= self.following & set(rows[is_held, 2].tolist())
+        return sorted(found)
 
     def _leave_couplings(self) -> None:
         """Name the couplings of nodes that can move."""

@@ -13,7 +13,7 @@ from fenicsrom.errors import refuse
 from fenicsrom.formats.cells import with_middles
 from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile, unsupported
 from fenicsrom.formats.nastran_cards import Card, read_cards
-from fenicsrom.formats.nastran_physics import TAKEN, held_grids, with_physics
+from fenicsrom.formats.nastran_physics import TAKEN, held_grids, listed, with_physics
 from fenicsrom.formats.nastran_systems import KINDS as SYSTEMS
 from fenicsrom.formats.nastran_systems import Systems, read_systems
 from fenicsrom.formats.reasons import said
@@ -147,14 +147,17 @@ def _order(kind: int) -> list[int]:
 
 
 def _constrained(cards: list[Card], numbers: dict[int, int]) -> dict[str, Ints]:
-    """Node groups of the grid points of each set of SPC and SPC1 entries, such as "SPC1".
+    """Node groups of the grid points of each set of SPC and SPC1 entries, such as "SPC 1".
 
-    Only the places are read, not the components that the entries constrain.
+    Only the places are read, not the components that the entries constrain. The sides of CYJOIN
+    entries are groups, too, such as "CYJOIN 1".
     """
     found: dict[str, set[int]] = {}
     for card in cards:
         for _, grids in held_grids(card) if card.name in ("SPC", "SPC1") else ():
             found.setdefault(f"SPC {card.text(0)}", set()).update(grids)
+        if card.name == "CYJOIN":
+            found.setdefault(f"CYJOIN {card.text(0)}", set()).update(listed(card.fields[2:]))
     groups = {}
     for name, members in found.items():
         nodes = np.array(sorted(numbers[grid] for grid in members if grid in numbers), dtype=int)

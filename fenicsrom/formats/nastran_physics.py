@@ -312,11 +312,11 @@ def held_grids(card: Card) -> list[tuple[set[int], list[int]]]:
     if card.name == "SPC":
         held = [(card.text(k + 1), [card.integer(k)]) for k in (1, 4) if card.text(k)]
     else:
-        held = [(card.text(1), _listed(card.fields[2:]))]
+        held = [(card.text(1), listed(card.fields[2:]))]
     return [(_components(digits), grids) for digits, grids in held]
 
 
-def _listed(words: list[str]) -> list[int]:
+def listed(words: list[str]) -> list[int]:
     """Numbers, and ranges of numbers with THRU.
 
     Raises:
@@ -349,7 +349,7 @@ def _couple(deck: Deck, card: Card) -> bool:
     every = set(range(6))
     if card.name == "RBE2":
         words = list(takewhile(str.isalnum, filter(None, card.fields[3:])))  # then an expansion
-        nodes = np.array([deck.numbers[grid] for grid in _listed(words)], dtype=np.int64)
+        nodes = np.array([deck.numbers[grid] for grid in listed(words)], dtype=np.int64)
         held = _components(card.text(2))
         couplings.rigid("RBE2", name, deck.index(card, 1), nodes, held, x)
         return True

@@ -260,6 +260,22 @@ def test_supports_that_differ_from_sector_to_sector_are_refused(
         build_solid(scene, MPI.COMM_SELF)
 
 
+@pytest.mark.parametrize("left_out", ["right", "left"])
+def test_support_may_leave_out_nodes_of_a_following_face(tmp_path: Path, left_out: str) -> None:
+    """As decks of CalculiX do: a node of the disk is held if one of its copies is held."""
+    points, cells = ring()
+    angle = {"right": 0.0, "left": 2.0 * np.pi / N}[left_out]
+    beside = np.abs(np.arctan2(points[:, 1], points[:, 0]) - angle) > 1e-6
+    ends = {"held": np.flatnonzero((np.hypot(*points.T[:2]) < 0.11) & beside)}
+    more: Any = {"geometry": {"mesh": "disk.vtk", "dimension": 2, "degree": 1, "thickness": 0.02}}
+    more |= {"ends": ends, "cyclic": CYCLIC}
+    squares = []
+    for group in ("bore", "held"):
+        scene = scene_of(tmp_path, points, cells, supports=[{"group": group}], **more)
+        squares.append(squares_of(build_solid(scene, MPI.COMM_SELF), 1, 4))
+    np.testing.assert_allclose(*squares, rtol=1e-9)
+
+
 def test_commands_without_sectors_refuse_one(tmp_path: Path) -> None:
     import fenicsrom
 

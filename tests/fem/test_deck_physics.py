@@ -516,12 +516,28 @@ QUADRATIC = [
 ]
 
 
+BRICK = (
+    "*NODE\n"
+    + "".join(f"{k}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate(QUADRATIC, 1))
+    + f"*ELEMENT, TYPE=C3D20\n1, {', '.join(map(str, range(1, 16)))},\n16, 17, 18, 19, 20\n"
+)
+
+
+def test_support_beside_the_following_face_of_a_sector_takes_its_nodes(tmp_path: Path) -> None:
+    """A deck of CalculiX cannot hold them: here those of the side x = 0 on y = 0."""
+    text = BRICK + "*NSET, NSET=low\n1, 2, 5, 6, 9, 13, 17, 18\n*NSET, NSET=high\n3, 4, 7, 8\n"
+    text += "*TIE, CYCLIC SYMMETRY, NAME=cut\nlow, high\n"
+    text += "*NSET, NSET=fix\n4, 8, 12, 16, 20\n*BOUNDARY\nfix, 1, 3\n"
+    found, groups = physics(tmp_path / "a.inp", text)
+    assert [(groups[place], held) for place, held in found.supports] == [
+        ([0, 3, 4, 7, 11, 15, 16, 19], (0, 1, 2))
+    ]
+
+
 @pytest.mark.parametrize("more", ["", "1, 4, "])
 def test_nodes_on_edges_alone_are_held_by_their_coordinates(tmp_path: Path, more: str) -> None:
     """The edge between corners of the group holds its own node."""
-    text = "*NODE\n" + "".join(f"{k}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate(QUADRATIC, 1))
-    text += f"*ELEMENT, TYPE=C3D20\n1, {', '.join(map(str, range(1, 16)))},\n16, 17, 18, 19, 20\n"
-    text += f"*NSET, NSET=mid\n{more}12, 16, 17, 20\n*BOUNDARY\nmid, 1, 2\n"
+    text = BRICK + f"*NSET, NSET=mid\n{more}12, 16, 17, 20\n*BOUNDARY\nmid, 1, 2\n"
     found, groups = physics(tmp_path / "a.inp", text)
     alone = {place for place, _ in found.supports if not isinstance(place, str)}
     middles = {(0.0, 0.5, 1.0), (0.0, 0.0, 0.5), (0.0, 1.0, 0.5)}

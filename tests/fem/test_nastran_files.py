@@ -121,9 +121,9 @@ def test_rest_of_the_model_is_named_and_shells_on_facets_are_groups(tmp_path: Pa
     assert any(what.startswith("1 RBE2") for what in mesh.physics.not_taken)
     facets = [block for block in mesh.blocks if "3" in block.groups]
     assert [block.nodes.tolist() for block in facets] == [[[0, 1, 2, 3]]]
-    assert list(mesh.node_groups["SPC 5"]) == [0, 1, 2, 3] and list(mesh.node_groups["SPC 6"]) == [
-        7
-    ]
+    groups = {name: nodes.tolist() for name, nodes in mesh.node_groups.items()}
+    assert (groups["SPC 5"], groups["SPC 6"]) == ([0, 1, 2, 3], [7])
+    assert (groups["CYJOIN 1"], groups["CYJOIN 2"]) == ([0, 3, 4, 7], [1, 2, 5, 6])
 
 
 @pytest.mark.parametrize("card", ["CBEAM", "CONROD"])

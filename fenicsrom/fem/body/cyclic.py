@@ -48,6 +48,9 @@ BESIDE = 0.1
 APART = 0.02
 """Largest distance of a node from the other face, turned, relative to its facet."""
 
+PART = 0.5
+"""Supports may leave out this part of the following face."""
+
 INDEPENDENT = 1e-6
 """Smaller shapes of a cut face, relative to the largest one, are not taken."""
 
@@ -114,7 +117,9 @@ class CutFaces:
         sides = [Side(body, body.mesh.facets(name)) for name in names]
         angle = self._angle(*sides)
         sizes = [len(np.unique(side.nodes)) for side in sides]
-        if sizes[0] > sizes[1]:  # the left face follows: it is the right one turned back
+        fixed = [self._held[self._own(side.nodes)].sum() for side in sides]
+        free = body.comm.allreduce(-np.array(fixed))
+        if (sizes[0], free[0]) > (sizes[1], free[1]):  # left is then right, turned back
             sides, names, angle = sides[::-1], names[::-1], -angle
         self.angle, self.turn = angle, self.rotation(angle)[:d, :d]
         self.marks = np.zeros(len(self._nodes))
@@ -199,7 +204,10 @@ class CutFaces:
         self._check_supports(names)
 
     def _check_supports(self, names: tuple[str, str]) -> None:
-        """Check that supports hold the cut faces alike, and along directions that T keeps."""
+        """Check that supports hold the cut faces alike, and along directions that T keeps.
+
+        They may leave out a part of the following face, as decks of CalculiX must.
+        """
         d, comm = self._d, self._body.comm
         seam = self._held[np.union1d(self._central, np.flatnonzero(self.marks))]
         turned = np.einsum("ij,sj,lj->sil", self.turn, 1.0 * seam, self.turn)
@@ -207,7 +215,9 @@ class CutFaces:
         led = self._of_leaders(1.0 * self._held)[self._leading]
         led = np.einsum("sk,skj->sj", self._weights, led)
         own = self._held[self._followers]
-        wrong |= bool(np.any(own & (led < 0.5)) or np.any(~own & (led > 1.0 - ROUNDING)))
+        missing = ~own & (led > 1.0 - ROUNDING)
+        wrong |= bool(np.any(own & (led < 0.5)))
+        wrong |= comm.allreduce(int(missing.sum())) > PART * comm.allreduce(missing.size)
         if self._body.slanted is not None:
             wrong |= bool(self.marks[self._body.slanted.nodes].any())
         if any(comm.allgather(wrong)):
