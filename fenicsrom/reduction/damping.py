@@ -56,11 +56,15 @@ class ViscousDamping:
         if ratios.size >= structure.free:
             reason = f"{ratios.size} damped modes are too many: the body has {structure.free} "
             raise refuse(structure.source, f"{reason}unknowns", ErrorKind.RANGE, "damping.ratios")
-        squares, modes = structure.eigenmodes(structure.factor, ratios.size)
+        self.damp(ratios, *structure.eigenmodes(structure.factor, ratios.size))
+
+    def damp(self, ratios: Array, squares: Array, modes: Array) -> None:
+        """Damp modes (local, k) by ratios ζ (k,), which are the only ones; ω² are squares (k,)."""
         # above a critical speed some of the squares are negative
         sizes = np.sqrt(2.0 * ratios * np.sqrt(np.abs(squares)))
         self.modes = modes[:, ratios > 0.0] * sizes[ratios > 0.0]
-        self.modal = structure.mass_times(self.modes)
+        self.modal = self._structure.mass_times(self.modes)
+        self.acts = True
 
     def times(self, block: Array) -> Array:
         """Give the damping matrix without α M, times a block (local, k)."""

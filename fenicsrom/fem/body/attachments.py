@@ -22,7 +22,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.fem.body.places import Places
 from fenicsrom.fem.body.supports import node_pieces
-from fenicsrom.fem.mesh.mesh import ROUNDING
+from fenicsrom.fem.mesh.picking import ROUNDING
 from fenicsrom.notes import implausible
 from fenicsrom.online.model.bolts import Bolts
 from fenicsrom.scene import Attachment, Bolt, Place

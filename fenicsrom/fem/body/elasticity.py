@@ -49,8 +49,9 @@ from fenicsrom.fem.body.cyclic import CutFaces, WaveFactorisation
 from fenicsrom.fem.body.materials import Materials
 from fenicsrom.fem.body.rotation import Inertia, RotatingFrame
 from fenicsrom.fem.body.supports import Held, Slanted, conditions, held_displacements
-from fenicsrom.fem.mesh.mesh import ROUNDING, Mesh
+from fenicsrom.fem.mesh.mesh import Mesh
 from fenicsrom.fem.mesh.named_groups import require_groups
+from fenicsrom.fem.mesh.picking import ROUNDING
 from fenicsrom.notes import Note, NoteKind, note_of
 from fenicsrom.online.model.bolts import no_bolts
 from fenicsrom.scene import Scene

@@ -33,7 +33,8 @@ from scipy.sparse.csgraph import connected_components
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.mesh.gmsh_model import MOST_PIECES, WAYS_OUT, apart, boxes, ends_of
-from fenicsrom.fem.mesh.mesh import NEAR, ROUNDING, Ints, Mesh
+from fenicsrom.fem.mesh.mesh import NEAR, Ints, Mesh
+from fenicsrom.fem.mesh.picking import ROUNDING
 from fenicsrom.scene import Support
 from fenicsrom.scene.keys.places import AXES
 from fenicsrom.words import counted

@@ -1,7 +1,7 @@
 """The mesh of several parts in gmsh: the bodies of several files, and the sectors of a disk."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,14 @@ from scipy.spatial.transform import Rotation
 
 from fenicsrom import formats
 from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.fem.mesh.gmsh_cad import boundary_facets, group_entities, model_nodes
 from fenicsrom.fem.mesh.gmsh_files import Loaded, add_mesh, load_file, mesh_of_model
+from fenicsrom.fem.mesh.gmsh_model import SOLID
+from fenicsrom.fem.mesh.picking import picking
 from fenicsrom.formats import MeshFile
-from fenicsrom.formats.mesh_file import Floats, Ints
-from fenicsrom.scene import Cyclic, Geometry
+from fenicsrom.formats.mesh_file import Block, Floats, Ints
+from fenicsrom.formats.shapes import SHAPES
+from fenicsrom.scene import Cyclic, Geometry, Region
 from fenicsrom.scene.base.rules import Where
 
 SAME_NODE = 1e-5
@@ -48,17 +52,52 @@ def load_files(gmsh: Any, geometry: Geometry) -> Loaded:
     return replace(whole, warnings=(*warnings, *whole.warnings), glued=glued)
 
 
-def load_disk(gmsh: Any, geometry: Geometry, cyclic: Cyclic) -> Loaded:
-    """Read the files of a sector, and put all sectors of its disk into one model.
+def make_disk(
+    gmsh: Any, geometry: Geometry, cyclic: Cyclic, picks: Mapping[str, Region], loaded: Loaded
+) -> Loaded:
+    """Put all sectors of a disk into one model, in place of that of its loaded sector.
+
+    Args:
+        gmsh: the open gmsh.
+        geometry: the [geometry] of the scene.
+        cyclic: how the sector makes the disk.
+        picks: boxes and planes of the sector, by the names of the groups that the disk has of them.
+        loaded: what the files of the sector hold.
 
     Raises:
-        SceneError: as `load_files`; or the nodes of the cut faces do not match.
+        SceneError: the nodes of the cut faces do not match.
     """
-    loaded = load_files(gmsh, geometry)
     sector = _named(mesh_of_model(gmsh, loaded.node_sets), "", geometry.dimension)
+    if picks:
+        block = _picked(gmsh, geometry, picks)
+        cuts = (
+            _nodes_below(sector, name, geometry.dimension) for name in (cyclic.left, cyclic.right)
+        )
+        outside = ~np.any([np.isin(block.nodes, cut).all(axis=1) for cut in cuts], axis=0)
+        groups = {name: marks & outside for name, marks in block.groups.items()}
+        sector = replace(sector, blocks=(*sector.blocks, replace(block, groups=groups)))
     gmsh.model.remove()
     whole = add_mesh(gmsh, str(geometry.mesh), _sectors(sector, geometry, cyclic))
     return replace(loaded, node_sets=whole.node_sets)
+
+
+def _picked(gmsh: Any, geometry: Geometry, picks: Mapping[str, Region]) -> Block:
+    """The facets of the boundary of a sector, with a group for each box and plane."""
+    d, (numbers, points) = geometry.dimension, model_nodes(gmsh)
+    every = [entity for _, entity in gmsh.model.getEntities(d)]
+    solid = group_entities(gmsh, str(geometry.mesh), d).get(SOLID, every)
+    given = next(int(kind) for one in solid for kind in gmsh.model.mesh.getElementTypes(d, one))
+    rows = np.searchsorted(numbers, boundary_facets(gmsh, d, solid, given)[0])
+    width = d - 1, rows.shape[1]
+    kind = next(k for k, shape in SHAPES.items() if (shape.dimension, shape.nodes) == width)
+    x = geometry.scale * points
+    corners, extent = x[rows[:, : SHAPES[kind].corners]], float(np.ptp(x, axis=0).max())
+    inside = {name: picking(region, extent)[0] for name, region in picks.items()}
+    groups = {
+        name: is_inside(corners.reshape(-1, 3).T).reshape(corners.shape[:2]).all(axis=1)
+        for name, is_inside in inside.items()
+    }
+    return Block(kind, rows, groups)
 
 
 def sector_turn(cyclic: Cyclic, j: int) -> Rotation:

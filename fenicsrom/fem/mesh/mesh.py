@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import dolfinx.mesh
@@ -22,7 +23,8 @@ from fenicsrom.errors import ErrorKind, SceneError, refuse
 from fenicsrom.fem.base import compat
 from fenicsrom.fem.mesh.gmsh_files import open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
-from fenicsrom.fem.mesh.gmsh_parts import load_disk, load_files
+from fenicsrom.fem.mesh.gmsh_parts import load_files, make_disk
+from fenicsrom.fem.mesh.picking import picking
 from fenicsrom.fem.mesh.sector import Sector
 from fenicsrom.fem.mesh.tagged_mesh import check_dolfinx_mesh, check_tags, group_tags
 from fenicsrom.scene import Cyclic, Geometry, Region
@@ -32,14 +34,8 @@ from fenicsrom.words import brief
 Ints = npt.NDArray[Any]
 Floats = npt.NDArray[np.float64]
 
-ON_PLANE = 1e-6
-"""Default tolerance of a picking plane, relative to the extent of the mesh."""
-
 NEAR = 1e-3
 """Accepted distance of a node from the coordinates of a place, relative to the extent."""
-
-ROUNDING = 1e-9
-"""Smaller distances, relative to the extent of the mesh, count as zero."""
 
 
 @brief("source", "facet_groups", "cell_groups", "node_groups", "warnings")
@@ -133,26 +129,7 @@ class Mesh:
         """Facets of the boundary in a box or on a plane. Collective."""
         d = self.domain.geometry.dim
         low, high = self.bounds()
-        extent = float(np.max(high - low))
-        if region.box is not None:
-            low_corner, high_corner = np.array(region.box)[:, :, None]
-            what, margin = f"box = {np.array(region.box).tolist()}", ROUNDING * extent
-
-            def inside(x: Floats) -> npt.NDArray[np.bool_]:
-                above, below = x[:d] >= low_corner - margin, x[:d] <= high_corner + margin
-                return np.all(above & below, axis=0)
-        else:
-            assert region.plane is not None
-            point, normal = np.array(region.plane.point), np.array(region.plane.normal)
-            tolerance = region.plane.tolerance or ON_PLANE * extent
-            what = (
-                f"plane = {{ point = {point.tolist()}, normal = {normal.tolist()}, "
-                f"tolerance = {tolerance:.3g} }}"
-            )
-
-            def inside(x: Floats) -> npt.NDArray[np.bool_]:
-                return np.abs(normal @ (x[:d] - point[:, None])) <= tolerance
-
+        inside, what = picking(region, float(np.max(high - low)))
         facets = dolfinx.mesh.locate_entities_boundary(
             self.domain, self.domain.topology.dim - 1, inside
         )
@@ -340,7 +317,12 @@ class Mesh:
         return np.column_stack([cells, numbers]).astype(np.int32)
 
 
-def build_mesh(geometry: Geometry, comm: MPI.Comm, disk: Cyclic | None = None) -> Mesh:
+def build_mesh(
+    geometry: Geometry,
+    comm: MPI.Comm,
+    disk: Cyclic | None = None,
+    picks: Mapping[str, Region] = MappingProxyType({}),
+) -> Mesh:
     """Make or read the mesh of a scene. Collective.
 
     In a .geo file, `geometry.parameters` sets the names in its `DefineConstant`. If `structured` is
@@ -362,6 +344,7 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm, disk: Cyclic | None = None) -
         comm: communicator to distribute the mesh on.
         disk: the disk of which the file is a sector, to make the mesh of all sectors, in which
             "tip@3" is the group "tip" of sector 3.
+        picks: boxes and planes of a sector, by the names of the groups that the disk has of them.
 
     Returns:
         The mesh, with the same groups on every rank.
@@ -376,7 +359,9 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm, disk: Cyclic | None = None) -
 
         def draft() -> tuple[CleanModel, Any]:
             gmsh = stack.enter_context(open_gmsh())
-            loaded = load_disk(gmsh, geometry, disk) if disk else load_files(gmsh, geometry)
+            loaded = load_files(gmsh, geometry)
+            if disk:
+                loaded = make_disk(gmsh, geometry, disk, picks, loaded)
             clean = clean_model(gmsh, geometry, loaded.node_sets)
             warnings = (*loaded.warnings, *clean.warnings)
             sector = None if disk else clean.sector

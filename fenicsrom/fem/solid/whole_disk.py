@@ -9,7 +9,7 @@ sectors, in which the closest facets of the other regions lie opposite.
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,14 +17,18 @@ from scipy.spatial import cKDTree
 from fenicsrom.arrays import Array
 from fenicsrom.fem.mesh.gmsh_parts import sector_turn
 from fenicsrom.fem.solid.solid import Solid
+from fenicsrom.fem.solid.wave import wave
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.disk_model import deviations, disk_scene
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.scene import Cyclic, Scene
+from fenicsrom.reduction.damping import ViscousDamping
+from fenicsrom.scene import Cyclic, Region, Scene
 from fenicsrom.scene.base.rules import Problem, Problems, Where
 from fenicsrom.scene.base.tables import plain, require_none
 from fenicsrom.scene.checks.checks import regions
 from fenicsrom.scene.keys.places import AXES, Elasticity, GroupMaterial
+
+RegionType = TypeVar("RegionType", bound=Region)
 
 SHIFTED = 1e-6
 """Components are those of the turned frame up to this rounding."""
@@ -46,6 +50,8 @@ class _Turn:
     def of(self, table: Any) -> Any:
         """A table of sector j: its groups, places and directions, in the tables inside it, too."""
         found: dict[str, Any] = {}
+        if isinstance(table, Region):
+            table = named(table)
         for name in (entry.name for entry in fields(table)):
             value = getattr(table, name)
             if is_dataclass(value):
@@ -58,6 +64,21 @@ class _Turn:
                 turned = np.array(value) @ self.matrix.T
                 found[name] = tuple(map(tuple, turned.tolist()) if turned.ndim > 1 else turned)
         return replace(table, **found)
+
+
+def named(region: RegionType) -> RegionType:
+    """A region, with a group in place of a box or a plane."""
+    pick = region.box or region.plane
+    return replace(region, box=None, plane=None, group=str(pick)) if pick else region
+
+
+def picks(scene: Scene) -> dict[str, Region]:
+    """The boxes and planes of a scene, by the names of their groups in the whole disk."""
+    return {
+        str(named(region).group): region
+        for _, region in regions(scene)
+        if region.box or region.plane
+    }
 
 
 def whole_scene(scene: Scene) -> Scene:
@@ -79,6 +100,8 @@ def whole_scene(scene: Scene) -> Scene:
     contacts = []
     for j, k in _contacts(scene):
         contact = scene.contacts[k]
+        if contact.against:
+            contact = replace(contact, place=named(contact.place), against=named(contact.other))
         contacts.append(contact if contact.against else turns[j].of(contact))
     return replace(
         scene,
@@ -133,16 +156,49 @@ def _problems(scene: Scene) -> Problems:
             if np.abs(matrix @ held @ matrix.T - held).max() > SHIFTED:
                 allowed = f"must be all, that along the axis, or the other ones {what}"
                 yield Problem(f"{table}[{k}].components", allowed)
-    places = regions(scene)
     unusual: dict[str, object] = {
-        "damping.ratios": any(scene.damping.modal) and scene.damping.ratios,
+        "damping.ratios": scene.joined and any(scene.damping.modal) and scene.damping.ratios,
         **{f"loads[{k}].engine_order": x.everywhere and x.order for k, x in enumerate(scene.loads)},
-        **{f"{key}.box": region.box for key, region in places},
-        **{f"{key}.plane": region.plane for key, region in places},
     }
     for key in filter(unusual.get, unusual):
-        hint = "; use a group" if key.endswith(("box", "plane")) else ""
-        yield Problem(key, f"not allowed {what}{hint}", value=plain(unusual[key]))
+        yield Problem(key, f"not allowed {what}", value=plain(unusual[key]))
+
+
+def damp_waves(body: Solid, sector: Solid, scene: Scene) -> None:
+    """Give the whole disk the modal damping of its waves. Collective.
+
+    Args:
+        body: the whole disk.
+        sector: the sector in its equilibrium, without contacts between bodies.
+        scene: the scene of the sector.
+    """
+    cyclic, cut, ratios = scene.cyclic, sector.cut, np.array(scene.damping.modal)
+    assert cyclic is not None and cut is not None
+    if not ratios.any():
+        return
+    n, d, comm = cyclic.sectors, sector.dimension, body.comm
+    places, nodes = (
+        one.space.tabulate_dof_coordinates()[: one.local // d, :d] for one in (sector, body)
+    )
+    places = np.concatenate(comm.allgather(places))
+    turns = [_Turn(cyclic, j) for j in range(n)]
+    near = cKDTree(np.concatenate([turn.moved(places) for turn in turns])).query(nodes)[1]
+    j, node = np.divmod(near, len(places))
+    turned = np.array([turn.matrix for turn in turns])[j]
+    zeta, squares, modes = [], [], []
+    for h in range(n // 2 + 1):
+        with wave(sector, h) as one:
+            copies = 2 if one.double else 1  # the real and the imaginary part of a wave
+            found, z = one.eigenmodes(one.factor, copies * len(ratios))
+            u = copies * cut.displacements(h, one.parts(z)[0]).reshape(-1, d, z.shape[1])
+        u = np.concatenate(comm.allgather(u))
+        lag = np.exp(2j * np.pi * h / n * j)[:, None, None]
+        moved = np.real(lag * np.einsum("nij,njk->nik", turned, u[node]))
+        modes.append(np.sqrt(copies / n) * moved.reshape(body.local, -1))
+        zeta.append(np.repeat(ratios, copies))
+        squares.append(found)
+    body.viscous = ViscousDamping(body, replace(scene.damping, ratios=()), body.dashpots)
+    body.viscous.damp(np.concatenate(zeta), np.concatenate(squares), np.concatenate(modes, axis=1))
 
 
 def as_sectors(motion: Motion, body: Solid, points: ContactPoints, scene: Scene) -> Motion:
@@ -188,10 +244,11 @@ def _first_side(body: Solid, points: ContactPoints, scene: Scene, k: int) -> int
     assert cyclic is not None
     if not contact.neighbour:
         return 0
+    against = named(contact.other).group
     x = body.space.tabulate_dof_coordinates()[:, : body.dimension]
     middle = points.position[points.contact == k].mean(axis=0)
     away = [
-        np.linalg.norm(x[body.mesh.nodes(f"{contact.against}@{j}", body.space)].mean(0) - middle)
+        np.linalg.norm(x[body.mesh.nodes(f"{against}@{j}", body.space)].mean(0) - middle)
         for j in (1, cyclic.sectors - 1)
     ]
     return int(away[1] < away[0])
