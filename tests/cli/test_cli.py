@@ -605,16 +605,17 @@ def test_signal_ends_a_long_call_of_gmsh(number, code, tmp_path):
     long = ["--set", "geometry.parameters.elements_along=2e7"]
     with subprocess.Popen([*command, *long], stderr=subprocess.PIPE, text=True) as process:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-        begun = tmp_path / "provenance.json"
-        while process.poll() is None and not (
-            begun.exists()
-            and any(
-                "gmsh" in Path(f"/proc/{child}/maps").read_text()
-                for child in children.read_text().split()
-            )
-        ):
+
+        def spent() -> int:
+            """CPU time of the process that computes, in ticks."""
+            stat = Path("/proc", children.read_text().split()[0], "stat").read_text()
+            return sum(map(int, stat.rsplit(")")[-1].split()[11:13]))
+
+        while process.poll() is None and not (tmp_path / "provenance.json").exists():
             time.sleep(0.1)
-        time.sleep(1.0)
+        begun, second = spent(), os.sysconf("SC_CLK_TCK")  # in which gmsh begins
+        while process.poll() is None and spent() < begun + 2 * second:
+            time.sleep(0.1)
         process.send_signal(number)
         try:
             _, errors = process.communicate(timeout=10)
