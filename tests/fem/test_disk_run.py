@@ -36,6 +36,8 @@ from fenicsrom.fem.body.stress_points import stress_table
 from fenicsrom.fem.full.full import full_model
 from fenicsrom.fem.solid.wave import wave
 from fenicsrom.notes import NoteKind
+from fenicsrom.online.model import kept_factor
+from fenicsrom.online.model.cyclic_matrix import CyclicMatrix
 from fenicsrom.online.model.disk_model import Sector, disk_model, disk_scene
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
@@ -231,6 +233,38 @@ def test_blades_swing_and_rub_as_those_of_the_whole_disk(tmp_path: Path) -> None
     size = np.linalg.norm(wanted)
     assert np.linalg.norm(swung - wanted) < 1e-3 * size < 1.2e-3 * np.linalg.norm(straight - wanted)
     assert found.relative_imbalance < 1e-6
+
+
+def test_disk_moves_as_by_newton_in_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few steps make a factor; it may serve several steps."""
+    points, cells = bladed()
+    radial, across = np.array([[[0.75**0.5, 0.5, 0.0]], [[-0.5, 0.75**0.5, 0.0]]])
+    given = tables(2, range(1), (points[-1:], across, radial), 1e4, 30.0, 1e4)
+    given |= {"geometrically_nonlinear": True, "basis": {"modes": 3}, "cyclic": CYCLIC}
+    scene = scene_of(tmp_path, points, cells, **(given | {"rotation": spinning(2)}))
+    sector, whole, count = build_disk(scene).sector, disk_scene(scene), 0
+    eliminate = CyclicMatrix.inverse
+
+    def counted(self: CyclicMatrix) -> Any:
+        nonlocal count
+        count += 1
+        return eliminate(self)
+
+    def simulated() -> tuple[Motion, int]:
+        nonlocal count
+        count = 0
+        return simulate(disk_model(sector, whole, np.zeros(N)), whole), count
+
+    monkeypatch.setattr(CyclicMatrix, "inverse", counted)
+    motion, few = simulated()
+    for name in ("MORE", "PATIENCE"):
+        monkeypatch.setattr(kept_factor, name, -99)  # every iteration makes its own factor
+    reference, many = simulated()
+    moved = reference.displacement - reference.displacement[0]
+    np.testing.assert_allclose(
+        motion.displacement, reference.displacement, rtol=0.0, atol=1e-11 * abs(moved).max()
+    )
+    assert few < many / 3
 
 
 def marched_alone(sector: Sector, scene: Any) -> Any:

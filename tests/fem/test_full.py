@@ -15,6 +15,7 @@ from fenicsrom import study
 from fenicsrom.fem.base.linalg import Factorisation
 from fenicsrom.fem.full import full as module
 from fenicsrom.fem.full.full import full_model
+from fenicsrom.online.model import kept_factor
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.post.run import report as sentences
 from fenicsrom.study import motions
@@ -52,7 +53,7 @@ def test_full_model_moves_as_by_newton_in_full(
     solid = moving(False, pressed)
     motion, few = run(solid, monkeypatch)
     for name in ("MORE", "PATIENCE"):
-        monkeypatch.setattr(module, name, -99)  # every iteration makes its own factor
+        monkeypatch.setattr(kept_factor, name, -99)  # every iteration makes its own factor
     reference, many = run(solid, monkeypatch)
     assert motion.steps == reference.steps == 60
     scale = np.abs(reference.displacement).max()

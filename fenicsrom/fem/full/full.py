@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
@@ -15,8 +14,8 @@ from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.base.linalg import Factorisation, add_entries, multiply, negative_eigenvalues
 from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.contact.problem import Compliance, given_compliance
+from fenicsrom.online.model.kept_factor import KeptFactor, same_coefficients
 from fenicsrom.online.model.loads import GAUSS, factors
-from fenicsrom.online.model.matrices import SAME_COEFFICIENT
 from fenicsrom.online.step.state import Scheme
 from fenicsrom.reduction.beam import BeamStructure
 from fenicsrom.reduction.protocols import Structure
@@ -36,17 +35,8 @@ _SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
-MORE = 1
-"""A factor is kept for the next step if it took at most so many iterations more than when new.
-
-The tangent moves with the motion. A factorisation takes as long as ten iterations or more.
-"""
-
 CONTRACTION = 0.25
-"""Largest ratio of two changes in a time step with one factor."""
-
-PATIENCE = 8
-"""Iterations of a step, of at most fifteen, before each one makes its own factor."""
+"""Of the iteration with a kept factor. A factorisation takes as long as ten iterations or more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,45 +68,7 @@ class _Effective:
     def has_coefficients_of(self, other: _Effective) -> bool:
         """Whether the coefficients of another matrix are the same, up to rounding."""
         ours, theirs = ((each.mass, each.velocity, each.lever) for each in (self, other))
-        return bool(np.allclose(ours, theirs, rtol=SAME_COEFFICIENT, atol=0.0))
-
-
-class _Progress:
-    """The iteration of a time step: how fast its changes become smaller.
-
-    Attributes:
-        iteration: its number, from 1.
-        was_long: whether the last step needed more iterations than that which made the factor.
-        is_slow: whether the last change is too large after the one before.
-        renewals: number of factorisations in this step.
-    """
-
-    def __init__(self, solid: Solid):
-        self._comm, self._dot = solid.comm, solid.dot
-        self._start, self._dq, self._change = np.zeros(0), np.zeros(0), np.inf
-        self.iteration, self.renewals, self._least = 0, 0, 0
-        self.was_long, self.is_slow = False, False
-
-    def note(self, q0: Array, dq: Array) -> None:
-        """Note the iterate dq (local,) of a step that starts at q0 (local,)."""
-        if not self._comm.allreduce(np.array_equal(q0, self._start), op=MPI.LAND):
-            if self.renewals:
-                self._least = self.iteration
-            self._start, self.was_long = q0.copy(), self.iteration > self._least + MORE
-            self.iteration, self.renewals = 0, 0
-            self._change = change = np.inf
-        else:
-            change = np.sqrt(self._dot(dq - self._dq, dq - self._dq))
-        self.iteration += 1
-        self.is_slow = not change <= CONTRACTION * self._change
-        self._dq, self._change = dq.copy(), change
-
-    @property
-    def needs_factor(self) -> bool:
-        """Whether the iteration is too slow with the factor of an earlier state."""
-        if self.iteration == 1:
-            return self.was_long
-        return self.is_slow or self.iteration > PATIENCE
+        return same_coefficients(ours, theirs)
 
 
 class FullModel:
@@ -154,7 +106,7 @@ class FullModel:
         self._is_exact = False
         self._unit = np.zeros((solid.local, 0))
         self._delassus = np.zeros((self._rows.shape[0],) * 2)
-        self._progress = _Progress(solid)
+        self._kept = KeptFactor(solid.dot, CONTRACTION)
 
     def set_at_rest(self) -> None:
         """Let only the static follower pressures act in the operations that follow."""
@@ -187,7 +139,7 @@ class FullModel:
 
         The tangent itself is assembled when it is needed.
         """
-        self._progress.note(q0, dq)
+        self._kept.note(q0, dq)
         mean = start_weight * start
         slope: Slope = []
         for point, weight in zip(points, weights, strict=True):
@@ -223,16 +175,16 @@ class FullModel:
         In a time step, S of an earlier state serves as long as few iterations need it.
         """
         wanted = _Effective(mass_coefficient, velocity_coefficient, tangent)
-        progress = self._progress
-        keeps = self.linear or (mass_coefficient > 0.0 and not progress.needs_factor)
+        kept = self._kept
+        keeps = self.linear or (mass_coefficient > 0.0 and not kept.needs_factor)
         if not (keeps and self._made is not None and wanted.has_coefficients_of(self._made)):
-            first = progress.iteration == 1 or mass_coefficient <= 0.0
-            exact = self.linear or first or progress.renewals > 0
+            first = kept.iteration == 1 or mass_coefficient <= 0.0
+            exact = self.linear or first or kept.renewals > 0
             if not self._factorise(wanted, exact):  # the step is refused, as for the compiled model
                 bad = np.full((residual.size, 1 + self._rows.shape[0]), np.nan)
                 nothing = np.full((self._rows.shape[0],) * 2, np.nan)
                 return bad[:, 0], bad[:, 1:], given_compliance(nothing)
-            progress.renewals += 1
+            kept.renew()
         assert self._factor is not None
         self._wanted = wanted
         y = self._solve(-residual[:, None])[:, 0]

@@ -33,14 +33,18 @@ from fenicsrom.errors import ErrorKind, refuse
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.kernels.dense import negative_eigenvalues
 from fenicsrom.online.model.cyclic_matrix import CyclicMatrix
+from fenicsrom.online.model.kept_factor import KeptFactor
 from fenicsrom.online.model.loads import histories_of
 from fenicsrom.online.model.matrices import DenseModel
-from fenicsrom.online.model.model import ReducedModel, Tangent
+from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.polynomial import ElasticPolynomial, pair_numbers, pairs
 from fenicsrom.scene import Load, Scene
 from fenicsrom.scene.keys.rotation import Deviation
 
 Complex = NDArray[np.complex128]
+
+CONTRACTION = 0.1
+"""Of the iteration with a kept factor. A factorisation takes as long as four iterations."""
 
 
 class Sector(NamedTuple):
@@ -144,39 +148,34 @@ class DiskModel(DenseModel):
         super().__post_init__()
         self._rows = csr_array(self.contact_rows)
         self.exact_newton = self.linear
-        self._start: Array = np.zeros(0)  # of the step
-        self._iteration = 0
+        self._kept = KeptFactor(self.dot, CONTRACTION)
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
-    ) -> tuple[Array, Tangent]:
-        """Mean force over a step and its derivative by dq."""
-        if not np.array_equal(q0, self._start):
-            self._start, self._iteration = q0.copy(), 0
-        self._iteration += 1
-        force, matrix, coefficient = self.forces.mean(q0, dq, points, weights)
-        return start_weight * start + force, Tangent(matrix, coefficient)
+    ) -> tuple[Array, Any]:
+        """Mean force over a step, and its `Slope` by dq."""
+        if not self.linear:
+            self._kept.note(q0, dq)
+        force, slope = self.forces.mean(q0, dq, points, weights)
+        return start_weight * start + force, slope
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force (n,) and energy."""
         return self.forces.at(q)
 
     def keeps_factor(self, mass_coefficient: float) -> bool:
-        """The second iteration of a step keeps S of the first, and often is the last one.
-
-        It lets the decrement fall by ten digits, and takes a fifth of the time of a new factor.
-        """
-        return self.linear or (mass_coefficient > 0.0 and self._iteration == 2)
+        """In a time step, S of an earlier state serves as long as few iterations need it."""
+        return self.linear or (mass_coefficient > 0.0 and not self._kept.needs_factor)
 
     def inverse(self, matrix: Any) -> Callable[[Array], Array]:
         """The inverse of a `CyclicMatrix` times a block (n, k); NaN if the matrix is singular."""
+        self._kept.renew()
         solve: Callable[[Array], Array] = matrix.inverse()
         return solve
 
-    def negative_directions(self, tangent: Tangent) -> int:
+    def negative_directions(self, tangent: Any) -> int:
         """Number of negative eigenvalues of a stiffness."""
-        stiffness: Any = tangent.matrix  # a CyclicMatrix
-        return int(negative_eigenvalues(stiffness.toarray()))
+        return int(negative_eigenvalues(tangent.matrix.toarray()))
 
     def sector_coordinates(self, coordinates: Array) -> Array:
         """Coordinates q (N, k, n) of the sectors, for coordinates (k, size) of the disk."""
@@ -222,7 +221,7 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
     return DiskModel(
         mass=mass,  # type: ignore[arg-type]
         damping=model.damping,
-        elastic=lambda q: forces.mean(q, 0.0 * q, np.ones(1), np.ones(1))[:2],
+        elastic=forces.with_tangent,
         energy=lambda q: forces.at(q)[1],
         forces=forces,
         loads=rows_of(model.loads.T).T,
@@ -239,8 +238,27 @@ def disk_model(sector: Sector, scene: Scene, mistuning: Array) -> DiskModel:
     )
 
 
+class Slope(NamedTuple):
+    """The derivative of the mean elastic force of a step by dq, as a `Tangent`.
+
+    Attributes:
+        make: gives the `CyclicMatrix`, which an iteration with a kept factor does not need.
+        coefficient: as in `Tangent`.
+    """
+
+    make: Callable[[], CyclicMatrix]
+    coefficient: float
+
+    @property
+    def matrix(self) -> CyclicMatrix:
+        """The matrix, N/m."""
+        return self.make()
+
+
 class _Forces:
     """The elastic forces of N sectors, whose nonlinear terms are those of e coordinates η of each.
+
+    a and b are those of `fenicsrom.online.model.polynomial`, of all sectors at once.
 
     Attributes:
         linear: there are no such terms.
@@ -254,56 +272,61 @@ class _Forces:
         self._force = self._stiffness.summed(every)
         self._interior, e = interior, interior.force.size
         self._pairs, self._numbers = pairs(e), pair_numbers(e)
-        self._factors = np.ascontiguousarray(np.broadcast_to(factors[:, 0, 0], sectors))
+        self._factors = np.broadcast_to(factors[:, 0], (sectors, 1))
         self._copies = sectors // len(factors)
         self.linear = not interior.cubic.size
 
     def _inside(self, q: Array) -> Array:
         """η (N, e) in the coordinates of the disk, or of a force on them."""
-        return q.reshape(self._factors.size, -1)[:, : self._interior.force.size]
+        return q.reshape(len(self._factors), -1)[:, : self._interior.force.size]
 
-    def mean(self, q0: Array, dq: Array, points: Array, weights: Array) -> tuple[Array, Any, float]:
-        """Mean force along a step, its derivative by dq (a `CyclicMatrix`) and its coefficient.
+    def mean(self, q0: Array, dq: Array, points: Array, weights: Array) -> tuple[Array, Slope]:
+        """Mean force along a step, and its derivative by dq.
 
         The arguments are those of `DenseModel.elastic_over_step`.
         """
         moved = float(points @ weights)
         force = weights.sum() * self._force
         force += self._stiffness @ (weights.sum() * q0 + moved * dq)
-        tangent = moved * self._stiffness
-        if not self.linear:
-            eta = self._inside(q0) + points[:, None, None] * self._inside(dq)
-            forces, tangents, _ = self._terms(eta, weights, weights * points)
-            self._inside(force)[:] += forces
-            e, blocks = forces.shape[1], np.repeat(tangent.blocks, self._copies, axis=0)
-            blocks[:, :e, :e] += tangents
-            tangent = replace(tangent, blocks=blocks)
-        return force, tangent, moved
+        if self.linear:
+            return force, Slope(lambda: moved * self._stiffness, moved)
+        eta = self._inside(q0) + points[:, None, None] * self._inside(dq)
+        a, b, _ = self._terms(eta)
+        pulls = (weights[:, None, None] * (a / 2.0 + b / 3.0)).take(self._numbers, -1)
+        self._inside(force)[:] += self._factors * (pulls @ eta[..., None])[..., 0].sum(0)
+
+        def tangent() -> CyclicMatrix:
+            whole = moved * self._stiffness
+            blocks, e = np.repeat(whole.blocks, self._copies, axis=0), eta.shape[2]
+            slopes = self._factors * np.tensordot(weights * points, a + b, 1)
+            blocks[:, :e, :e] += slopes.take(self._numbers, -1)
+            return replace(whole, blocks=blocks)
+
+        return force, Slope(tangent, moved)
+
+    def with_tangent(self, q: Array) -> tuple[Array, Any]:
+        """Force and tangent at q."""
+        force, slope = self.mean(q, 0.0 * q, np.ones(1), np.ones(1))
+        return force, slope.matrix
 
     def at(self, q: Array) -> tuple[Array, float]:
         """Force and energy at q."""
         pull = self._stiffness @ q
         force, energy = self._force + pull, float((self._force + 0.5 * pull) @ q)
         if not self.linear:
-            forces, _, more = self._terms(self._inside(q)[None].copy(), np.ones(1), np.zeros(1))
-            self._inside(force)[:] += forces
-            energy += more
+            eta = self._inside(q)
+            a, b, products = self._terms(eta)
+            pulls = (a / 2.0 + b / 3.0).take(self._numbers, -1)
+            self._inside(force)[:] += self._factors * (pulls @ eta[..., None])[..., 0]
+            twice = np.where(self._pairs[0] == self._pairs[1], 1.0, 2.0)
+            energy += float(np.sum(self._factors * twice * products * (a / 6.0 + b / 12.0)))
         return force, energy
 
-    def _terms(self, eta: Array, weights: Array, levers: Array) -> tuple[Array, Array, float]:
-        """Weighted forces (N, e), tangents (N, e, e) and the energy at points η (g, N, e).
-
-        a and b are those of `fenicsrom.online.model.polynomial`, of all sectors at once.
-        """
-        (first, second), number = self._pairs, self._numbers
-        a = eta @ self._interior.quadratic.T
-        b = (eta[..., first] * eta[..., second]) @ self._interior.cubic.T
-        own = (a / 2.0 + b / 3.0)[..., number] @ eta[..., None]
-        energies = ((a / 6.0 + b / 12.0)[..., number] @ eta[..., None])[..., 0] * eta
-        factors = self._factors[:, None]
-        forces = factors * np.tensordot(weights, own[..., 0], 1)
-        tangents = (factors * np.tensordot(levers, a + b, 1))[:, number]
-        return forces, tangents, float(np.sum(factors * energies))
+    def _terms(self, eta: Array) -> tuple[Array, Array, Array]:
+        """a, b and the products (.., pairs) at η (.., N, e)."""
+        first, second = self._pairs
+        products = eta[..., first] * eta[..., second]
+        return eta @ self._interior.quadratic.T, products @ self._interior.cubic.T, products
 
 
 def deviations(scene: Scene) -> Array:

@@ -27,6 +27,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.contact.problem import Compliance, given_compliance
 from fenicsrom.online.kernels.dense import negative_eigenvalues
+from fenicsrom.online.model.kept_factor import same_coefficients
 from fenicsrom.online.model.loads import LoadHistories, factors
 from fenicsrom.online.model.model import ReducedModel, Tangent
 from fenicsrom.online.model.polynomial import ElasticPolynomial, pair_numbers, pairs
@@ -166,10 +167,6 @@ def full_tensors(elastic: ElasticPolynomial) -> tuple[Array, Array]:
     return elastic.quadratic[pair], both[pair[:, :, None, None], pair[None, None, :, :]]
 
 
-SAME_COEFFICIENT = 1e-10
-"""Relative difference of coefficients that is rounding: steps of equal size differ by 1e-12."""
-
-
 @dataclass(eq=False)
 class DenseModel:
     """A model of n coordinates with dense matrices and an elastic force given as a function.
@@ -219,7 +216,7 @@ class DenseModel:
         self._rows: Any = self.contact_rows  # sparse where a row reaches few coordinates
         self._inverse: Callable[[Array], Array] | None = None
         self._key: tuple[float, float, float] | None = None
-        self._response: tuple[Array, Array] | None = None  # Z and BᵀZ of a linear model
+        self._response: tuple[Array, Compliance] | None = None  # Z and BᵀZ of a kept factor
 
     def set_at_rest(self) -> None:
         """Do nothing: this model has no follower pressure."""
@@ -260,9 +257,7 @@ class DenseModel:
     ) -> tuple[Array, Array, Compliance]:
         """Solve S [y, Z] = [-residual, B], as `ReducedModel.solve_effective`."""
         key = mass_coefficient, velocity_coefficient, tangent.coefficient
-        same = self._key is not None and np.allclose(
-            key, self._key, rtol=SAME_COEFFICIENT, atol=0.0
-        )
+        same = self._key is not None and same_coefficients(key, self._key)
         if not (same and self.keeps_factor(mass_coefficient)):
             effective = mass_coefficient * self.mass + tangent.matrix
             if self.velocity_forces:
@@ -277,11 +272,12 @@ class DenseModel:
             return solved[:, -1], unit, given_compliance(self._rows[directions] @ unit)
         if self._response is None:
             unit = self._inverse(self.contact_rows.T)
-            self._response = unit, self._rows @ unit
-        y, (unit, delassus) = self._inverse(-residual), self._response
-        if directions.size < len(delassus):
-            unit, delassus = unit[:, directions], delassus[np.ix_(directions, directions)]
-        return y, unit, given_compliance(delassus)
+            self._response = unit, given_compliance(self._rows @ unit)
+        y, (unit, compliance) = self._inverse(-residual), self._response
+        if directions.size < unit.shape[1]:
+            of_some = compliance.delassus[np.ix_(directions, directions)]
+            unit, compliance = unit[:, directions], given_compliance(of_some)
+        return y, unit, compliance
 
     def keeps_factor(self, mass_coefficient: float) -> bool:
         """Whether S of the last call serves again, with the same coefficients."""
