@@ -256,6 +256,10 @@ def test_starter_scene_of_statics_takes_the_loads_of_the_deck_alone(tmp_path: Pa
     mode = FirstMode(100.0, (0.0, 0.0, 0.3), (1.0, 0.0, 0.0), 1e5, 0.3)
     scene = starter_scene(found, tmp_path, template="statics", mode=mode)
     assert [load["force"] for load in tomllib.loads(scene)["loads"]] == [5.0]
+    step = step.replace("*CLOAD\n13, 1, 5.", "*DLOAD\n, GRAV, 9., 0., 0., -1.")
+    found = inspect(bar(tmp_path / "bar.inp", sets=f"{DECK.replace('low', '1')}{step}"))
+    table = tomllib.loads(starter_scene(found, tmp_path, template="statics", mode=mode))
+    assert len(table["loads"]) == 1 and table["probe"] == {"nearest": [0.0, 0.0, 300.0]}
     bare = inspect(bar(tmp_path / "bar.inp"))
     scene = starter_scene(bare, tmp_path, template="statics", mode=mode)
     assert len(tomllib.loads(scene)["loads"]) == 1

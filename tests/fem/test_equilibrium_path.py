@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -359,6 +360,13 @@ def test_scene_without_a_path_is_refused(
 ) -> None:
     with refusal(kind, key):
         paths.varied_loads(block(tmp_path, **tables))
+
+
+def test_path_that_no_place_shows_is_refused(tmp_path: Path) -> None:
+    pull = {"direction": [1.0, 0.0], "acceleration": 1.0}
+    seen = block(tmp_path, loads=[pull], probe={"group": "tip"})
+    with refusal(ErrorKind.MISSING, "probe"):
+        paths.varied_loads(replace(seen, probe=None))
 
 
 def test_harmonic_load_is_no_load_of_a_path(tmp_path: Path) -> None:

@@ -134,6 +134,9 @@ def varied_loads(scene: Scene) -> list[int]:
     if not any(scene.loads[k].size != 0.0 for k in found):
         reason = "a static load of a size other than 0 is needed"
         raise refuse(scene.source, reason, ErrorKind.MISSING, "loads")
+    if not scene.is_seen:
+        reason = "must be a table where no load and no contact has a place"
+        raise refuse(scene.source, reason, ErrorKind.MISSING, "probe")
     if not scene.geometrically_nonlinear:
         reason = "false: must be true, because a linear path is a straight line"
         raise refuse(scene.source, reason, ErrorKind.CONFLICT, "geometrically_nonlinear")

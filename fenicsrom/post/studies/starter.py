@@ -399,8 +399,10 @@ def _task_lines(
             _given(units, "force", "N", 10.0 * mode.stiffness * mode.amplitude),
             "",
         ]
+        needed = tip is not None or not found.physics.loads
+        pulled = all(load.kind == "acceleration" for load in found.physics.loads)
         return [
-            *(load if tip is not None or not found.physics.loads else []),
+            *(load if needed else ["[probe]", place, ""] if pulled else []),
             "[statics] # fenicsrom statics SCENE",
             "last = 1.0 # factor on the static loads",
             "",

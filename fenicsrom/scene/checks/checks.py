@@ -234,8 +234,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
         yield from _load_problems(load, f"loads[{index}]")
         if load.moves_supports:
             yield from _support_motion_problems(load, f"loads[{index}]", scene.rotation)
-    seen = scene.contacts or scene.probe or any(not load.everywhere for load in scene.loads)
-    if not seen and not unloaded and scene.cyclic is None:
+    if not scene.is_seen and not unloaded and scene.cyclic is None:
         what = "without contacts and without a load at a place"
         yield Problem("probe", f"must be a table in a scene {what}")
     yield from _basis_problems(scene)

@@ -341,6 +341,12 @@ class Scene:
         return any(contact.against is not None for contact in self.contacts)
 
     @property
+    def is_seen(self) -> bool:
+        """Whether a place shows how the body moves: the probe, or that of a contact or load."""
+        places = [*self.contacts, *(load for load in self.loads if not load.everywhere)]
+        return self.probe is not None or bool(places)
+
+    @property
     def period(self) -> float | None:
         """Period of the excitation in s.
 
