@@ -163,7 +163,9 @@ def _elements(model: Model, part: abaqus_sets.Part, keyword: abaqus_sets.Keyword
     if kind is None:
         model.left_out[name] += sum(not line.endswith(",") for line in keyword.lines)
         if of:
-            abaqus_sets.add_to_set(part.element_sets, of, abaqus_sets.Entry("", ()))
+            labels = keyword.lines if name in TAKEN_ELEMENTS else ()
+            numbers = tuple(int(abaqus_sets.fields(line)[0]) for line in labels)
+            abaqus_sets.add_to_set(part.element_sets, of, abaqus_sets.Entry("", numbers))
         return
     if abaqus_sets.is_axisymmetric(name):
         model.not_read[f"the axis of the {name} elements (they are read as plane cells)"] = None

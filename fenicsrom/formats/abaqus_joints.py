@@ -1,5 +1,6 @@
 """Contacts, ties and pre-tension sections of Abaqus and CalculiX files."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -123,7 +124,12 @@ class Reader:
             return
         tied = keyword.name == "TIE" or "TIED" in given
         reach = float(given.get("POSITION TOLERANCE", 0.0)) or None
-        joint = DeckJoint(what, *map(str, pair), tied=tied, reach=reach, shut="ADJUST" in given)
+        adjusted = "" if tied else given.get("ADJUST", "")
+        within = float(adjusted) if re.match(r"[\d.]", adjusted) else None  # else a set of nodes
+        shut = bool(adjusted) and within != 0.0
+        if shut and within is not None:
+            self.found.leave(f"{what}, ADJUST={adjusted}: gap = 0.0 closes larger gaps, too")
+        joint = DeckJoint(what, *map(str, pair), tied=tied, reach=reach, shut=shut)
         self.joints.append((joint, "" if tied else given.get("INTERACTION", "").upper()))
 
     def finished(self) -> list[DeckJoint]:

@@ -1,7 +1,7 @@
 """Materials, supports, point masses, springs and static loads of an Abaqus or CalculiX file."""
 
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,6 +33,9 @@ LOADS = ("CLOAD", "DLOAD", "DSLOAD")
 
 MATERIAL_DATA = ("ELASTIC", "DENSITY", "HYPERELASTIC", "HYPERFOAM", "USER MATERIAL")
 
+OF_PLANE = ("SHELL SECTION", "MEMBRANE SECTION")
+"""Sections with a thickness, of a plane body."""
+
 FIRST = ("ELEMENT", "TRANSFORM")
 """Keywords to which others refer, also from above."""
 
@@ -47,15 +50,19 @@ class _State:
         cells: finds elements.
         mesh: the mesh.
         starts: index of the first element of each block, and the number of all elements.
-        points: nodes of the mass and spring elements of each set.
+        points: finds mass and spring elements, as indices in `at`.
+        at: the node of each of them.
+        gravity: the cells under each acceleration (3,).
         materials: the spelling of each material by its name in capitals.
         material: name of the material whose data follow.
         couplings: reads what couples nodes.
         joints: reads what joins surfaces.
-        solids: number of the cells of the body.
+        solids: indices of the cells of the body.
         renewed: whether the first step has forgotten the supports before it.
         step: number of the step, 0 before the first one.
         static: whether it is a linear or nonlinear static step.
+        turning: whether its pressures turn with the body.
+        is_plane: whether the body is plane.
         unread: keywords that are not read, in their order.
     """
 
@@ -66,13 +73,17 @@ class _State:
     starts: Ints
     couplings: Reader
     joints: abaqus_joints.Reader
-    solids: int
-    points: dict[str, list[Ints]] = field(default_factory=lambda: defaultdict(list))
+    solids: Ints
+    points: Resolver
+    at: list[int] = field(default_factory=list)
+    gravity: dict[tuple[float, ...], list[int]] = field(default_factory=lambda: defaultdict(list))
     materials: dict[str, str] = field(default_factory=dict)
     material: str = ""
     renewed: bool = False
     step: int = 0
     static: bool = False
+    turning: bool = False
+    is_plane: bool = False
     unread: dict[str, None] = field(default_factory=dict)
 
 
@@ -103,10 +114,15 @@ def with_physics(
     found = Collector()
     couplings = Reader(found.couplings, mesh.points)
     solid = max((block.shape.dimension for block in mesh.blocks), default=0)
-    whole = [block for block in mesh.blocks if block.shape.dimension == solid]
-    count = sum(len(block.nodes) for block in whole if block.labels is not None)
-    joints = abaqus_joints.Reader(found)
-    state = _State(found, nodes, cells, mesh, starts, couplings, joints, count)
+    dimensions = [
+        np.full(len(block.nodes), block.shape.dimension)
+        for block in mesh.blocks
+        if block.labels is not None
+    ]
+    solids = np.flatnonzero(np.concatenate([np.empty(0), *dimensions]) == solid)
+    joints, points = abaqus_joints.Reader(found), replace(cells, numbers={})
+    state = _State(found, nodes, cells, mesh, starts, couplings, joints, solids, points)
+    state.is_plane = solid == 2
     for block in mesh.blocks:
         state.found.strain |= block.name.startswith("CPE")
     for keyword, _ in keywords:
@@ -127,6 +143,7 @@ def with_physics(
             if not taken:
                 state.unread[said(f"*{keyword.name}", keyword.name)] = None
     found.joints = joints.finished()
+    _pull(state)
     return found.finished(mesh), tuple(state.unread)
 
 
@@ -135,13 +152,14 @@ def _take(state: _State, keyword: Keyword, rows: list[list[str]], scope: tuple[s
     name = keyword.name
     if name == "STEP":
         state.step, state.static = state.step + 1, False
+        state.turning = keyword.parameters.get("NLGEOM", "NO").upper() != "NO"
     elif name == "STATIC":
         state.static = True
     elif name == "MATERIAL":
         state.material = state.materials[keyword.parameters.get("NAME", "").upper()]
     elif name in MATERIAL_DATA and rows:
         return _material(state, keyword, rows)
-    elif name == "SOLID SECTION":
+    elif name == "SOLID SECTION" or (name in OF_PLANE and state.is_plane):
         _section(state, keyword, rows, scope)
     elif name == "BOUNDARY":
         _boundary(state, keyword, rows[0], scope)
@@ -159,14 +177,17 @@ def _take(state: _State, keyword: Keyword, rows: list[list[str]], scope: tuple[s
         )
     elif name == "ELEMENT":
         if keyword.parameters.get("TYPE", "").upper() in TAKEN_ELEMENTS:
-            at = [state.nodes.found(scope, row[1]) for row in rows]
-            state.points[keyword.parameters.get("ELSET", "").upper()] += at
+            for instance in scope:
+                known = state.points.numbers.setdefault(instance, {})
+                for label, text, *_ in rows:
+                    for node in state.nodes.found((instance,), text).tolist():
+                        known[int(label)] = len(state.at)
+                        state.at.append(node)
     elif name == "MASS":
-        for nodes in state.points[keyword.parameters.get("ELSET", "").upper()]:
-            for node in nodes:
-                state.found.masses[int(node)] += float(rows[0][0])
+        for node in _points_of(state, keyword, scope):
+            state.found.masses[node] += float(rows[0][0])
     elif name == "SPRING":
-        _springs(state, keyword, rows)
+        _springs(state, keyword, rows, scope)
     elif name in LOADS:
         if not (state.static and state.step == 1):
             state.found.leave(f"*{name} of a step that is not static, or not the first one")
@@ -191,15 +212,25 @@ def _material(state: _State, keyword: Keyword, rows: list[list[str]]) -> bool:
     return True
 
 
-def _springs(state: _State, keyword: Keyword, rows: list[list[str]]) -> None:
+def _points_of(state: _State, keyword: Keyword, scope: tuple[str, ...]) -> list[int]:
+    """The nodes of the mass or spring elements of a keyword.
+
+    Raises:
+        SceneError: there is no such set.
+    """
+    return [state.at[k] for k in state.points.found(scope, keyword.parameters.get("ELSET", ""))]
+
+
+def _springs(
+    state: _State, keyword: Keyword, rows: list[list[str]], scope: tuple[str, ...]
+) -> None:
     """Take the stiffness of elements SPRING1; other springs are named as elements."""
-    own = state.points[keyword.parameters.get("ELSET", "").upper()]
+    own = _points_of(state, keyword, scope)
     if own and ({"NONLINEAR", "ORIENTATION"} & set(keyword.parameters) or int(rows[0][0]) > 3):
         state.found.leave("*SPRING that is nonlinear, oriented or rotational")
         return
-    for nodes in own:
-        for node in nodes:
-            state.found.springs[int(node), int(rows[0][0]) - 1] += float(rows[1][0])
+    for node in own:
+        state.found.springs[node, int(rows[0][0]) - 1] += float(rows[1][0])
 
 
 def _nodes_of(state: _State, text: str, scope: tuple[str, ...]) -> Ints:
@@ -279,6 +310,17 @@ def _boundary(state: _State, keyword: Keyword, row: list[str], scope: tuple[str,
     state.found.hold(next(known, name), nodes.tolist(), components)
 
 
+def _pull(state: _State) -> None:
+    """Take gravity, which each set of cells may have by itself."""
+    for vector, pulled in state.gravity.items():
+        state.found.others.append(DeckLoad("acceleration", vector))
+        if free := len(np.setdiff1d(state.solids, pulled)):
+            shown = ", ".join(f"{x:g}" for x in vector)
+            without = counted(free, "cell")
+            what = f"the gravity ({shown}) of a part of the body, {without} of which lie outside it"
+            state.found.leave(f"{what}: it acts on the whole body")
+
+
 def _tensioned(state: _State, text: str, scope: tuple[str, ...]) -> str | None:
     """The surface of the pre-tension section whose node a data line names."""
     known = state.joints.tensioned
@@ -294,6 +336,10 @@ def _load(state: _State, keyword: Keyword, row: list[str], scope: tuple[str, ...
         return
     if "AMPLITUDE" in keyword.parameters:
         found.leave(f"the amplitude of *{name}: the load is static, with the factor 1")
+    if "FOLLOWER" in keyword.parameters and name == "CLOAD":
+        found.leave("*CLOAD, FOLLOWER: the force keeps its direction")
+    if kind[:1] == "P" and state.turning:
+        found.leave("NLGEOM of pressures, which keep their direction without follower = true")
     if name == "CLOAD":
         nodes = state.nodes.found(scope, row[0]).tolist()
         if int(kind) > 3:
@@ -306,9 +352,8 @@ def _load(state: _State, keyword: Keyword, row: list[str], scope: tuple[str, ...
     elif name == "DLOAD" and kind == "GRAV":
         direction = np.array([float(word) for word in row[3:6]])
         vector = float(row[2]) * direction / np.linalg.norm(direction)
-        if row[0] and len(state.cells.found(scope, row[0])) < state.solids:
-            found.leave(f"the limit of gravity to {row[0]}: it acts on the whole body")
-        found.others.append(DeckLoad("acceleration", tuple(vector.tolist())))
+        pulled = state.cells.found(scope, row[0]) if row[0] else state.solids
+        state.gravity[tuple(vector.tolist())] += pulled.tolist()
     elif name == "DLOAD" and kind[:1] == "P" and kind[1:].isdigit():
         chosen = by_block(state.cells.found(scope, row[0]), state.starts)
         blocks = [block for block in state.mesh.blocks if block.labels is not None]

@@ -36,6 +36,10 @@ TETRAHEDRA = {72, 92, 187, 285}
 PLANES = {42, 182, 82, 183, 2, 25, 63, 181, 281, 93, 43, 143, 152, 154, 200}
 """Numbers of element types with the nodes of a plane cell or of a facet."""
 
+PLANE_SOLIDS = {2, 42, 82, 182, 183}
+"""Those of PLANES whose KEYOPT(3) says what is plane, and whose first real constant may be the
+thickness."""
+
 CONTACT = range(169, 179)
 """Numbers of element types of contact pairs, by which remote points act as well."""
 
@@ -44,6 +48,11 @@ SURFACES = {170: "target", 173: "contact", 174: "contact"}
 
 BONDED, ROUGH, NO_SEPARATION = {3, 5, 6}, {1}, {2, 4}
 """KEYOPT(12) of contacts that are tied, that never slip, and that never part."""
+
+CONSTANTS = {
+    **{"EX": "E", "EY": "Ey", "EZ": "Ez", "NUXY": "nu", "PRXY": "nu", "DENS": "rho", "MU": "mu"}
+}
+"""Constants by the names of MP."""
 
 COMPONENTS = {name: k for k, name in enumerate(("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ"))}
 """Components (0 to 5) by their labels."""
@@ -72,6 +81,7 @@ class Archive:
         reals: set of real constants of each element.
         constants: constants of each material by its number.
         real_constants: real constants of each set.
+        real: those of the last command R, which RMORE continues.
         options: the options KEYOPT of each type in the file, by their numbers.
         physics: supports and loads, by the numbers of the nodes.
         turned: nodes with axes of their own.
@@ -88,6 +98,7 @@ class Archive:
     reals: dict[int, int] = field(default_factory=dict)
     constants: dict[int, dict[str, float]] = field(default_factory=dict)
     real_constants: dict[int, list[float]] = field(default_factory=dict)
+    real: list[float] = field(default_factory=list)
     options: dict[int, dict[int, int]] = field(default_factory=dict)
     physics: list[tuple[str, int, str, float]] = field(default_factory=list)
     acceleration: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -139,11 +150,15 @@ def _read(archive: Archive, line: str, lines: Iterator[str]) -> None:
         next(lines), next(lines)
         for _ in range(int(words[1])):
             row = next(lines).split()
-            archive.real_constants[int(row[0])] = [float(word) for word in row[2:]]
             for _ in range(max(0, -(-(int(row[1]) - 6) // 7))):
-                next(lines)
+                row += next(lines).split()
+            archive.real_constants[int(row[0])] = [float(word) for word in row[2:]]
     elif command == "R" and len(words) > 2 and words[1].isdigit():
-        archive.real_constants[int(words[1])] = [float(word or 0.0) for word in words[2:]]
+        archive.real = [float(word or 0.0) for word in words[2:]]
+        archive.real_constants[int(words[1])] = archive.real
+    elif command == "RMORE":
+        archive.real += [0.0] * (-len(archive.real) % 6)
+        archive.real += [float(word or 0.0) for word in words[1:]]
     elif command in ("KEYOP", "KEYOPT") and len(words) > 3:
         archive.options.setdefault(int(words[1]), {})[int(words[2])] = int(words[3])
     elif command in ("D", "F") and words[1:2] and words[1].isdigit() and len(words) > 2:
@@ -295,7 +310,7 @@ def _material(archive: Archive, words: list[str]) -> None:
     """Read MP, name, number, value, or MPDATA, R5.0, 1, name, number, first, values."""
     is_table = words[0].upper() == "MPDATA"  # values at temperatures
     name, number, value, *more = words[3:5] + words[6:] if is_table else words[1:4]
-    key = {"EX": "E", "NUXY": "nu", "PRXY": "nu", "DENS": "rho", "MU": "mu"}.get(name.upper())
+    key = CONSTANTS.get(name.upper())
     if key is None or {float(word) for word in more if word} - {float(value)}:
         archive.other[f"MP,{name.upper()}"] += 1
     else:
@@ -306,6 +321,8 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
     """Add the materials, supports, point masses and static loads."""
     found = Collector()
     for number, constants in archive.constants.items():
+        if {constants.pop(key, None) for key in ("Ey", "Ez")} - {None, constants.get("E")}:
+            constants.pop("E", None)  # it is orthotropic
         found.constants[f"material {number}"] = constants
     for k, block in enumerate(mesh.blocks):
         own = np.array([archive.materials[int(label)] for label in np.atleast_1d(block.labels)])
@@ -352,6 +369,14 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
             if damping or not found.spring(ends, [component] * len(ends), stiffness):
                 found.leave("springs (type 14) but those along x, y or z to a held node")
     _joints(archive, mesh, found)
+    for type_, real in {(of, archive.reals[label]) for label, of, _ in archive.elements}:
+        option = archive.options.get(type_, {}).get(3, 0)
+        if archive.types.get(type_) in PLANE_SOLIDS and option:
+            found.strain |= option in (2, 5)
+            if option == 1:
+                found.leave(f"the axis of the elements of type {archive.types[type_]}")
+            elif option == 3:
+                found.thickness = archive.real_constants.get(real, [None])[0]
     if any(archive.acceleration):  # ANSYS gives that of the frame: the body is pressed against it
         vector = tuple(-value for value in archive.acceleration)
         found.others.append(DeckLoad("acceleration", vector))
@@ -379,14 +404,17 @@ def _joints(archive: Archive, mesh: MeshFile, found: Collector) -> None:
         if behaviour in NO_SEPARATION:
             found.leave(f"no separation of the contact pair {real}: the surfaces can part")
         friction = archive.constants.get(archive.materials[label], {}).get("mu", 0.0)
-        stiffness = constants[2] if len(constants) > 2 else 0.0
+        constants = constants + [0.0] * 12
+        if constants[9]:
+            found.leave(f"the offset CNOF = {constants[9]:g} of the contact pair {real}: give gap")
         joint = DeckJoint(
             f"contact pair {real}",
             *pair,
             tied=behaviour in BONDED,
             shut=options.get(9) == 1 or options.get(5) in (1, 3),
             friction=NEVER_SLIPS if behaviour in ROUGH else friction,
-            normal=-stiffness if stiffness < 0.0 else None,
+            normal=-constants[2] if constants[2] < 0.0 else None,
+            tangential=-constants[11] if constants[11] < 0.0 else None,
         )
         found.joints.append(joint)
 
@@ -424,13 +452,15 @@ def _shape(number: int, nodes: list[int]) -> tuple[int, list[int]]:
         if len(set(corners)) == 8:
             full = any(middles)
             return (17, (nodes + [0] * 20)[:20]) if full else (5, corners)
+        m = (middles + [0] * 12)[:12]
         if len(set(corners[4:])) == 1 and corners[2] == corners[3]:
             tetra = [*corners[:3], corners[4]]
-            m = (middles + [0] * 12)[:12]
             return (11, [*tetra, m[0], m[1], m[3], *m[8:11]]) if any(middles) else (4, tetra)
         if len(set(corners[4:])) == 1:
-            return 7, corners[:5]
-        return 6, list(dict.fromkeys(corners))[:6]  # a wedge: two edges have no length
+            return (19, [*corners[:5], *m[:4], *m[8:]]) if all(m) else (7, corners[:5])
+        wedge = list(dict.fromkeys(corners))[:6]  # two edges have no length
+        straight = not all(m) or corners[2] != corners[3] or corners[6] != corners[7]
+        return (6, wedge) if straight else (18, [*wedge, *m[:2], *m[3:6], *m[7:11]])
     if number in PLANES and len(nodes) in (3, 4, 6, 8):
         width = 4 if len(nodes) in (4, 8) else 3
         corners, middles = nodes[:width], nodes[width:]

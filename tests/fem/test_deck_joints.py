@@ -88,8 +88,9 @@ def deck(folder: Path, joints: str, step: str = STEP) -> tuple[Path, MeshFile]:
         (PAIR, {"friction": 0.2, "normal": 1e5, "tangential": 5e4}),
         (PAIR.replace("LINEAR", "TIED"), {"tied": True, "friction": 0.2, "normal": 1e5,
                                           "tangential": 5e4}),
-        ("*CONTACT PAIR, INTERACTION=I, ADJUST=0.1\nSecond, First\n"
+        ("*CONTACT PAIR, INTERACTION=I, ADJUST=Nodes\nSecond, First\n"
          "*SURFACE INTERACTION, NAME=I\n*FRICTION\n0.3\n", {"friction": 0.3, "shut": True}),
+        ("*CONTACT PAIR, INTERACTION=I, ADJUST=0.0\nSecond, First\n", {}),  # shuts no gap
         ("*SURFACE INTERACTION, NAME=I\n*FRICTION, ROUGH\n*CONTACT PAIR, INTERACTION=I\n"
          "Second, First\n", {"friction": 1e3}),
     ],
@@ -97,7 +98,7 @@ def deck(folder: Path, joints: str, step: str = STEP) -> tuple[Path, MeshFile]:
 def test_deck_gives_contacts_and_ties(joints: str, expected: dict, tmp_path: Path) -> None:
     found = deck(tmp_path, joints)[1]
     (joint,) = found.physics.joints
-    group = "Nodes" if "Nodes" in joints else "Second"
+    group = "Nodes" if "Nodes, First" in joints else "Second"
     assert joint == DeckJoint(joint.name, group, "First", **{"tied": False} | expected)
     assert found.not_read == () == found.physics.not_taken
 
@@ -108,6 +109,7 @@ def test_deck_gives_contacts_and_ties(joints: str, expected: dict, tmp_path: Pat
         ("*TIE, NAME=T\nSecond, Absent\n", "the surface Absent has no facets"),
         ("*CONTACT PAIR, INTERACTION=I\nFirst\n", "a surface touches itself"),
         ("*TIE, NAME=T, CYCLIC SYMMETRY\nSecond, First\n", "give [cyclic]"),
+        ("*CONTACT PAIR, ADJUST=0.1\nSecond, First\n", "gap = 0.0 closes larger gaps, too"),
         ("*PRE-TENSION SECTION, SURFACE=First, NODE=99\n", "the pre-tension 500 of the section"),
         (f"{PAIR}*CONTACT PAIR\n,\n", "a surface touches itself"),
     ],
@@ -157,10 +159,14 @@ def archive(folder: Path, *more: str, symmetric: bool = False) -> MeshFile:
     [
         ([], {"friction": 0.25}),
         (["R,5,0,0,-1e5,0.1", "KEYOPT,2,9,1"], {"friction": 0.25, "normal": 1e5, "shut": True}),
+        (["R,5,0,0,-1e5,0.1", "RMORE,0,0,1e20,0,1,-2e4"],
+         {"friction": 0.25, "normal": 1e5, "tangential": 2e4}),
+        (["RLBLOCK,1,5,5,13", "(2i8,6g16.9)", "(7g16.9)", "5 13 0 0 -1e5 0 0 0",
+          "0 0 1e20 0 1 -2e4 0"], {"friction": 0.25, "normal": 1e5, "tangential": 2e4}),
         (["KEYOPT,2,12,5"], {"friction": 0.25, "tied": True}),
         (["KEYOPT,2,12,1"], {"friction": 1e3}),
     ],
-)
+)  # fmt: skip
 def test_archive_gives_contact_pairs(more: list[str], expected: dict, tmp_path: Path) -> None:
     for symmetric in (False, True):
         mesh = archive(tmp_path, *more, symmetric=symmetric)
@@ -206,9 +212,11 @@ def test_nastran_gives_the_contacts_and_ties_of_the_case(tmp_path: Path) -> None
     }
 
 
-def test_pair_of_an_archive_that_never_parts_is_named(tmp_path: Path) -> None:
+def test_what_a_pair_of_an_archive_cannot_have_is_named(tmp_path: Path) -> None:
     found = archive(tmp_path, "KEYOPT,2,12,4").physics
     assert any("no separation" in what for what in found.not_taken) and found.joints
+    found = archive(tmp_path, "R,5,0,0,1.", "RMORE,0,0,0,-.02").physics
+    assert any("CNOF = -0.02" in what for what in found.not_taken) and found.joints
 
 
 @pytest.mark.slow

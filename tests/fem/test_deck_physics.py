@@ -550,6 +550,9 @@ def test_plane_deck_brings_its_thickness_and_its_state_of_strain(tmp_path: Path)
     text = "*NODE\n1,0.,0.\n2,1.,0.\n3,1.,1.\n4,0.,1.\n*ELEMENT, TYPE=CPE4, ELSET=E\n1,1,2,3,4\n"
     text += "*SOLID SECTION, ELSET=E, MATERIAL=m\n0.25,\n*MATERIAL, NAME=M\n*ELASTIC\n1., 0.3\n"
     text += "*BOUNDARY\n1, 1, 3\n2, 3\n"
+    shell = text.replace("CPE4", "S4").replace("SOLID SECTION", "SHELL SECTION")
+    found, _ = physics(tmp_path / "a.inp", shell)
+    assert found.thickness == 0.25 and found.materials[0].young == 1.0
     found, groups = physics(tmp_path / "a.inp", text)
     assert found.thickness == 0.25 and found.strain
     assert held(found, groups) == {(0,): (0, 1)}, "z means nothing in the plane"
@@ -563,5 +566,98 @@ def test_plane_deck_brings_its_thickness_and_its_state_of_strain(tmp_path: Path)
 def test_gravity_of_a_part_of_the_body_is_named(tmp_path: Path) -> None:
     found = bar(tmp_path / "a.inp", "*DLOAD\n1, GRAV, 9., 0., 0., -1.\n", number=2)
     assert any("gravity" in what for what in found.not_taken)
-    found = bar(tmp_path / "a.inp", "*DLOAD\nE, GRAV, 9., 0., 0., -1.\n", number=2)
-    assert not found.not_taken and len(found.loads) == 1
+    for whole in ("E, GRAV, 9.", "1, GRAV, 9., 0., 0., -1.\n2, GRAV, 9., 0., 0., -1.\nF, GRAV, 9."):
+        sets = "*ELSET, ELSET=F\n3, 4\n"
+        found = bar(tmp_path / "a.inp", f"*DLOAD\n{whole}, 0., 0., -1.\n", sets, number=2)
+        assert not found.not_taken
+        assert found.loads == (DeckLoad("acceleration", (0.0, 0.0, -9.0)),)
+
+
+@pytest.mark.parametrize(
+    ("step", "load", "said"),
+    [
+        ("", "*CLOAD, FOLLOWER\n1, 1, 2.\n", "FOLLOWER"),
+        (", NLGEOM", "*DLOAD\n1, P1, 2.\n", "NLGEOM"),
+        (", NLGEOM=NO", "*DLOAD\n1, P1, 2.\n", ""),
+        (", NLGEOM", "*CLOAD\n1, 1, 2.\n", ""),
+    ],
+)
+def test_loads_that_turn_with_the_body_are_named(
+    step: str, load: str, said: str, tmp_path: Path
+) -> None:
+    found = bar(tmp_path / "a.inp", f"{load}*END STEP\n*STEP\n", number=2)
+    path = tmp_path / "a.inp"
+    path.write_text(path.read_text().replace("*STEP\n*STATIC", f"*STEP{step}\n*STATIC"))
+    found = formats.read(path).physics
+    assert [said in what for what in found.not_taken] == ([True] if said else [])
+    assert len(found.loads) == 1
+
+
+def test_mass_and_spring_elements_belong_to_sets_of_their_part(tmp_path: Path) -> None:
+    """A set may be given behind its elements, and two parts may have sets of one name."""
+    nodes = ABAQUS[: ABAQUS.index("*ELEMENT")]
+    cells = "*ELEMENT, TYPE=C3D8\n1, 1,2,3,4,5,6,7,8\n*ELEMENT, TYPE=MASS, ELSET=m\n2, 7\n"
+    cells += "*ELEMENT, TYPE=SPRING1\n3, 7\n4, 8\n*ELSET, ELSET=s\n3\n*SPRING, ELSET=s\n2\n90.\n"
+    text = "".join(
+        f"*PART, NAME={name}\n{nodes}{cells}*MASS, ELSET=m\n{mass}\n*END PART\n"
+        for name, mass in (("p", 1.0), ("q", 2.0))
+    )
+    text += "*ASSEMBLY, NAME=x\n*INSTANCE, NAME=A, PART=p\n*END INSTANCE\n"
+    text += "*INSTANCE, NAME=B, PART=q\n5.,0.,0.\n*END INSTANCE\n*END ASSEMBLY\n"
+    found, _ = physics(tmp_path / "a.inp", text)
+    places = (1.0, 1.0, 1.0), (6.0, 1.0, 1.0)
+    assert found.masses == tuple(zip(places, (1.0, 2.0), strict=True))
+    assert found.springs == tuple((place, 1, 90.0) for place in places)
+
+
+ANSYS_PLANE = """/PREP7
+ET,1,183
+NBLOCK,6,SOLID
+(3i9,6e21.13e3)
+        1        0        0
+        2        0        0  1.0000000000000E+00
+        3        0        0  1.0000000000000E+00  1.0000000000000E+00
+        4        0        0
+N,R5.3,LOC,       -1,
+EBLOCK,19,SOLID
+(19i9)
+        1        1        3        1        0        0        0        0        4        0        1\
+        1        2        3        4
+       -1
+R,3,.25
+""".replace("        4        0        0\n", f"{4:9d}{0:9d}{0:9d}{0.0:21.13E}{1.0:21.13E}\n")
+
+
+@pytest.mark.parametrize(
+    ("option", "expected"),
+    [(0, (None, False, 0)), (1, (None, False, 1)), (2, (None, True, 0)), (3, (0.25, False, 0))],
+)
+def test_plane_archive_says_what_is_plane(option: int, expected: tuple, tmp_path: Path) -> None:
+    found, _ = physics(tmp_path / "a.cdb", f"{ANSYS_PLANE}KEYOP,1,3,{option}\n")
+    assert (found.thickness, found.strain, len(found.not_taken)) == expected
+
+
+def test_orthotropic_material_of_an_archive_is_not_isotropic(tmp_path: Path) -> None:
+    more = "MPDATA,R5.0, 1,{}  ,       1, 1,  {}    ,\nMPDATA,R5.0, 1,DENS"
+    for name, value, young in (("EY", 1e4, None), ("EZ", 1e4, None), ("EY", 2.1e5, 2.1e5)):
+        text = ANSYS.replace("MPDATA,R5.0, 1,DENS", more.format(name, value))
+        found, _ = physics(tmp_path / "a.cdb", text)
+        assert found.materials[0].young == young
+
+
+def test_loads_in_the_middle_of_edges_of_wedges_of_an_archive_are_taken(tmp_path: Path) -> None:
+    """A hexahedron of 20 nodes with two edges without a length is a wedge of 15 nodes."""
+    corners = (1, 2, 3, 3, 5, 6, 7, 7)
+    middles = (9, 10, 3, 11, 12, 13, 7, 14, 15, 16, 17, 17)
+    ends = [(0, 1), (1, 2), (2, 0), (4, 5), (5, 6), (6, 4), (0, 4), (1, 5), (2, 6)]
+    edges = np.array([np.array(PLACES)[[a, b]].mean(axis=0) for a, b in ends])
+    lines = "".join(
+        f"{k:9d}{0:9d}{0:9d}" + "".join(f"{float(x):21.13E}" for x in place) + "\n"
+        for k, place in enumerate(edges, 9)
+    )
+    text = ANSYS[: ANSYS.index("EBLOCK")].replace("N,R5.3", f"{lines}N,R5.3")
+    head = (1, 1, 1, 1, 0, 0, 0, 0, 20, 0, 1)
+    row = "".join(f"{n:9d}" for n in (*head, *corners)) + "\n" + "".join(f"{n:9d}" for n in middles)
+    text += f"EBLOCK,19,SOLID\n(19i9)\n{row}\n       -1\nF,13,FZ,-5.\n"
+    found, _ = physics(tmp_path / "a.cdb", text.replace("ET,1,185", "ET,1,186"))
+    assert found.loads == (DeckLoad("force", (0.0, 0.0, -5.0), tuple(edges[4].tolist())),)
