@@ -139,6 +139,7 @@ def _read(archive: Archive, line: str, lines: Iterator[str]) -> None:
         archive.components[words[1]] = (words[2].upper(), _expanded(members))
     elif command == "ET":
         archive.types[int(words[1])] = int(re.sub(r"\D", "", words[2]))
+        archive.options[int(words[1])] = {k: int(w) for k, w in enumerate(words[3:9], 1) if w}
     elif command == "ETBLOCK":
         widths = _widths(next(lines))
         while (row := [int(word) for word in _cut(next(lines), widths)])[0] > 0:
@@ -269,6 +270,8 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
         if number in SOLIDS and len(nodes) not in allowed:
             reason = f"has {counted(len(nodes), 'node')}; the file may be damaged"
             raise refuse(path, f"element {label} of type {number} {reason}")
+        if number in PLANE_SOLIDS and archive.options.get(type_, {}).get(3) == 1:
+            archive.other[f"axis of type {number} elements, which are read as plane cells"] = 1
         kind, own = _shape(154 if number in SURFACES else number, nodes)
         if kind:
             real = archive.reals[label] if number in SURFACES else 0
@@ -373,9 +376,7 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
         option = archive.options.get(type_, {}).get(3, 0)
         if archive.types.get(type_) in PLANE_SOLIDS and option:
             found.strain |= option in (2, 5)
-            if option == 1:
-                found.leave(f"the axis of the elements of type {archive.types[type_]}")
-            elif option == 3:
+            if option == 3:
                 found.thickness = archive.real_constants.get(real, [None])[0]
     if any(archive.acceleration):  # ANSYS gives that of the frame: the body is pressed against it
         vector = tuple(-value for value in archive.acceleration)

@@ -39,7 +39,7 @@ RIGID = ("RBE2", "RBE3", "RBAR")
 PARALLEL = 1e-6
 """Components of unit vectors that differ less are those of the same axes."""
 
-MATERIALS = ("MAT1", "MAT2", "MAT3", "MAT8", "MAT9", "MAT10", "MAT11")
+MATERIALS = ("MAT1", "MAT2", "MAT3", "MAT8", "MAT9", "MAT10", "MAT11", "MAT12")
 
 TAKEN = (
     *("PSOLID", "PSHELL", "PELAS", "CONM2", "CELAS1", "CELAS2", "PARAM", "BSURFS"),
@@ -163,7 +163,7 @@ def _selected(deck: Deck) -> dict[str, str]:
 def _factors(deck: Deck) -> dict[str, dict[str, float]]:
     """The factor of each set that the case uses, by command; SPCADD, MPCADD and LOAD combine sets.
 
-    Without a selection, the only set that no other set contains is used.
+    Without any selection, the only set that no other set contains is used.
 
     Raises:
         RecursionError: a set contains itself.
@@ -177,7 +177,8 @@ def _factors(deck: Deck) -> dict[str, dict[str, float]]:
                 parts.setdefault(card.text(0), {}).update(_parts(card))
         inner = {name for of in parts.values() for name in of}
         outer = [name for name in sets if name not in inner]
-        alone = len(outer) == 1 and command not in ("BCSET", "BGSET")  # these must be selected
+        # sets of contacts and ties must be selected
+        alone = len(outer) == 1 and not selected and command not in ("BCSET", "BGSET")
         chosen = selected.get(command, outer[0] if alone else "")
         if chosen and chosen not in sets:
             deck.found.leave(f"{command} = {chosen} of the case, which is not in the file")

@@ -223,6 +223,12 @@ def test_only_the_first_subcase_is_taken_and_the_others_are_named(tmp_path: Path
     assert len(found.not_taken) == 3 and "subcases" in found.not_taken[0]
 
 
+def test_set_that_a_case_does_not_select_is_not_used(tmp_path: Path) -> None:
+    bulk = "SPC1,1,123,1\nFORCE,6,7,,5.,0.,1.,0.\n"
+    found, _ = nastran(tmp_path, "METHOD = 3\nSPC = 1\n", bulk)
+    assert found.supports and not found.loads and len(found.not_taken) == 1
+
+
 CENTRE = "GRID,20,,-1.,.5,.5\nGRID,21,,-2.,.5,.5\n"
 FACE = "1,4,5,8"
 
@@ -450,9 +456,11 @@ def test_materials_that_the_file_lacks_or_that_are_not_isotropic(tmp_path: Path)
     text = re.sub(r"^MP.*\n", "", ANSYS, flags=re.M)
     found, _ = physics(tmp_path / "a.cdb", text)
     assert found.materials == () and not any("material" in what for what in found.not_taken)
-    found, _ = physics(tmp_path / "b.bdf", NASTRAN.replace("MAT1,1,2.1+5", "MAT9,1,2.1+5"))
-    assert found.materials == (DeckMaterial("MAT9 1", None, None, None),)
-    assert any("MAT9 1" in what for what in found.not_taken)
+    for name in ("MAT9", "MAT12"):
+        text = NASTRAN.replace("MAT1,1,2.1+5", f"{name},1,2.1+5")
+        found, _ = physics(tmp_path / "b.bdf", text)
+        assert found.materials == (DeckMaterial(f"{name} 1", None, None, None),)
+        assert any(f"{name} 1" in what for what in found.not_taken)
     other = "CTETRA,2,4,2,3,6,9\nGRID,9,,5.,0.,0.\nPSOLID,4,2\n"
     found, _ = physics(tmp_path / "b.bdf", NASTRAN.replace("CONM2", f"{other}CONM2"))
     assert [material.young for material in found.materials] == [2.1e5, None]
@@ -633,8 +641,11 @@ R,3,.25
     [(0, (None, False, 0)), (1, (None, False, 1)), (2, (None, True, 0)), (3, (0.25, False, 0))],
 )
 def test_plane_archive_says_what_is_plane(option: int, expected: tuple, tmp_path: Path) -> None:
-    found, _ = physics(tmp_path / "a.cdb", f"{ANSYS_PLANE}KEYOP,1,3,{option}\n")
-    assert (found.thickness, found.strain, len(found.not_taken)) == expected
+    inline = ANSYS_PLANE.replace("ET,1,183", f"ET,1,PLANE183,,,{option}")
+    for text in (f"{ANSYS_PLANE}KEYOP,1,3,{option}\n", inline):
+        (tmp_path / "a.cdb").write_text(text)
+        mesh = formats.read(tmp_path / "a.cdb")
+        assert (mesh.physics.thickness, mesh.physics.strain, len(mesh.not_read)) == expected
 
 
 def test_orthotropic_material_of_an_archive_is_not_isotropic(tmp_path: Path) -> None:
