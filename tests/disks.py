@@ -29,8 +29,8 @@ def turned(points: Any, j: float) -> Any:
 def copied(points: Any, cells: Any, copies: int) -> tuple[Any, Any]:
     """Some neighbouring sectors with common nodes."""
     every = np.concatenate([turned(points, j) for j in range(copies)])
-    found, of = np.unique(every.round(9), axis=0, return_inverse=True)
-    return found, np.concatenate([of[cells + j * len(points)] for j in range(copies)])
+    _, first, of = np.unique(every.round(9), axis=0, return_index=True, return_inverse=True)
+    return every[first], np.concatenate([of[cells + j * len(points)] for j in range(copies)])
 
 
 def ring() -> tuple[Any, Any]:

@@ -45,14 +45,14 @@ def test_waves_of_a_sector_are_the_modes_of_the_disk(
     sector = build_solid(scene_of(tmp_path, points, cells, cyclic=CYCLIC, **more), MPI.COMM_SELF)
     whole = build_solid(scene_of(tmp_path, *copied(points, cells, N), **more), MPI.COMM_SELF)
     assert sector.largest(sector.equilibrium[:, None]) == pytest.approx(
-        whole.largest(whole.equilibrium[:, None]), rel=1e-9
+        whole.largest(whole.equilibrium[:, None]), rel=1e-12
     )
     found = []
     for h in range(N // 2 + 1):
         ways = directions(sector, h)
         copies = 1 if coriolis or 2 * h in (0, N) else 2
         found += copies * squares_of(sector, h, 5 * ways).tolist()
-    np.testing.assert_allclose(np.sort(found)[:12], modes_at_speed(whole, 18)[0][:12], rtol=1e-8)
+    np.testing.assert_allclose(np.sort(found)[:12], modes_at_speed(whole, 18)[0][:12], rtol=1e-12)
 
 
 def free(path: Path, *mesh: Any, **more: Any) -> Any:
@@ -77,24 +77,26 @@ def test_free_disk_has_the_rigid_motions_and_the_modes_of_the_whole_one(
     assert sector.free_motions.shape[1] == modes.rigid == rigid
     squares = np.sort(found)[: rigid + 8]
     assert not squares[:rigid].any()
-    np.testing.assert_allclose(squares[rigid:], modes.omega[rigid : rigid + 8] ** 2, rtol=1e-7)
+    np.testing.assert_allclose(squares[rigid:], modes.omega[rigid : rigid + 8] ** 2, rtol=1.2e-9)
 
 
 def test_free_disk_that_turns_is_a_disk_on_soft_springs(tmp_path: Path) -> None:
     """In its frame it moves across the axis with the frequency of the rotation, a double root."""
     turning = {"rotation": spinning(2) | {"speed_rpm": 6000.0}}
     sector = free(tmp_path, *bladed(), cyclic=CYCLIC, **turning)
-    springs = {"attachments": [{"group": "bore", "stiffness": 100.0}]}
+    springs = {"attachments": [{"group": "bore", "stiffness": 1.0}]}
     whole = free(tmp_path, *copied(*bladed(), N), **turning, **springs)
     waves = [squares_of(sector, h, 5 * directions(sector, h)) for h in range(N // 2 + 1)]
     assert waves[0][0] == 0.0
     speed = 6000.0 * np.pi / 30.0
-    np.testing.assert_allclose(np.sort(np.abs(waves[1] / speed**2 - 1.0))[:2], 0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        np.sort(np.abs(waves[1] / speed**2 - 1.0))[:2], 0.0, rtol=0.0, atol=2e-11
+    )
     with wave(sector, 1) as body:  # whose rigid motions damping does not let grow
         squares, shapes, _ = wave_modes(body, 6)
         assert not have_passed_zero(body, squares, shapes)
     expected = modes_at_speed(whole, 14)[0]
-    np.testing.assert_allclose(np.sort(np.concatenate(waves))[3:12], expected[3:12], rtol=1e-5)
+    np.testing.assert_allclose(np.sort(np.concatenate(waves))[3:12], expected[3:12], rtol=1.5e-9)
 
 
 def test_disk_may_be_held_at_places_that_do_not_hold_its_sector(tmp_path: Path) -> None:
@@ -214,7 +216,7 @@ def test_left_and_right_may_be_exchanged(tmp_path: Path) -> None:
     for cyclic in (CYCLIC, CYCLIC | {"left": "right", "right": "left"}):
         scene = scene_of(tmp_path, points, cells, cyclic=cyclic, rotation=spinning(2))
         squares.append(squares_of(build_solid(scene, MPI.COMM_SELF), 1, 4))
-    np.testing.assert_allclose(*squares, rtol=1e-9)
+    np.testing.assert_allclose(*squares, rtol=1e-12)
 
 
 def test_engine_orders_excite_one_wave_each() -> None:
@@ -273,7 +275,7 @@ def test_support_may_leave_out_nodes_of_a_following_face(tmp_path: Path, left_ou
     for group in ("bore", "held"):
         scene = scene_of(tmp_path, points, cells, supports=[{"group": group}], **more)
         squares.append(squares_of(build_solid(scene, MPI.COMM_SELF), 1, 4))
-    np.testing.assert_allclose(*squares, rtol=1e-9)
+    np.testing.assert_allclose(*squares, rtol=1e-12)
 
 
 def test_commands_without_sectors_refuse_one(tmp_path: Path) -> None:
@@ -309,7 +311,7 @@ def test_two_ranks_give_the_waves_of_one(tmp_path: Path) -> None:
             np.genfromtxt(tmp_path / f"on{ranks}" / "modes.csv", delimiter=",", names=True)
         )
     assert len(tables[0]) > 12
-    np.testing.assert_allclose(tables[1]["frequency_Hz"], tables[0]["frequency_Hz"], rtol=1e-9)
+    np.testing.assert_allclose(tables[1]["frequency_Hz"], tables[0]["frequency_Hz"], rtol=1e-12)
 
 
 def test_report_of_a_disk_names_its_waves(tmp_path: Path) -> None:

@@ -78,10 +78,10 @@ def compared(found: Any) -> tuple[float, float, Any]:
     errors = []
     for name in ("displacement", "force"):
         ours, wanted = (getattr(one, name) for one in (found.motion, motion))
-        assert np.abs(ours[0] - wanted[0]).max() < 5e-6 * np.abs(wanted[0]).max()  # at rest
+        assert np.abs(ours[0] - wanted[0]).max() < 1e-12 * np.abs(wanted[0]).max()  # at rest
         wanted = wanted - wanted[0]
         errors.append(float(np.linalg.norm(ours - ours[0] - wanted) / np.linalg.norm(wanted)))
-    assert found.motion.relative_imbalance < 3e-11
+    assert found.motion.relative_imbalance < 1e-11
     return *errors, motion
 
 
@@ -116,12 +116,12 @@ def test_shrouds_rub_and_lift_off_as_those_of_the_whole_disk(tmp_path: Path, end
     moved, pushed, motion = compared(found)
     open_, slip = (np.mean(motion.state == state) for state in (-1, 0))
     assert open_ > 0.1 and slip > 0.2
-    assert moved < 1e-6 and pushed < 2e-6
-    assert found.disk.wave_error[1] < 1e-9
+    assert moved < 7e-7 and pushed < 2e-6
+    assert found.disk.wave_error[1] < 1.2e-10
     told = found.errors["time step"].probe  # the error by which the run is judged
     assert f"probe of sector 0: {in_percent(told)} by the time step" in " ".join(sentences(found))
     np.testing.assert_allclose(
-        found.motion.friction_dissipation[-1], motion.friction_dissipation[-1], rtol=3e-7
+        found.motion.friction_dissipation[-1], motion.friction_dissipation[-1], rtol=1.5e-7
     )
     rows, parts = contacts(found), contact_fractions(found.motion)
     assert [row["sector"] for row in rows] == [*range(N)]
@@ -163,7 +163,7 @@ def test_order_of_all_sectors_moves_shrouds_as_those_of_one_sector(tmp_path: Pat
     assert 0.1 < np.mean(wanted.state == 0)
     assert "mm, and stand 37.5 mm apart" in " ".join(whole.warnings)  # in one sector
     error = np.abs(found.displacement - np.tile(wanted.displacement, (1, N, 1))).max()
-    assert error < 1e-10 * np.abs(wanted.displacement).max()
+    assert error < 4e-11 * np.abs(wanted.displacement).max()
 
 
 def test_modes_with_stuck_and_open_shrouds_are_those_of_the_whole_disk(tmp_path: Path) -> None:
@@ -177,7 +177,7 @@ def test_modes_with_stuck_and_open_shrouds_are_those_of_the_whole_disk(tmp_path:
     ):
         body.stiffness_times = times
         wanted = modes_at_speed(body, 12)[0]
-        np.testing.assert_allclose(np.sort(squares)[:12], wanted, rtol=1e-7)
+        np.testing.assert_allclose(np.sort(squares)[:12], wanted, rtol=2.5e-10)
 
 
 def test_modes_with_shrouds_that_carry_no_pressure_have_no_open_ones(tmp_path: Path) -> None:
@@ -197,12 +197,12 @@ def test_shrouds_close_as_the_disk_slows_down(tmp_path: Path) -> None:
         assert np.all((body.joint.springs > 0.0) == closed)
         np.testing.assert_array_equal(body.joint.springs > 0.0, fresh.joint.springs > 0.0)
         size = np.abs(fresh.equilibrium).max()
-        np.testing.assert_allclose(body.equilibrium, fresh.equilibrium, rtol=0.0, atol=1e-12 * size)
+        np.testing.assert_allclose(body.equilibrium, fresh.equilibrium, rtol=0.0, atol=1e-13 * size)
         squares = []
         for one in (body, fresh):
             with wave(one, 1) as disk:
                 squares.append(disk.eigenmodes(disk.factor, 2)[0])
-        np.testing.assert_allclose(*squares, rtol=1e-10)
+        np.testing.assert_allclose(*squares, rtol=3e-11)
 
 
 @pytest.mark.parametrize("reach", [{}, {"reach": 0.01}])

@@ -163,7 +163,7 @@ def test_wave_of_shrouds_that_stick_is_that_of_the_matrices_of_the_disk(tmp_path
     found = balanced(sector, scene)
     assert np.all(found.states == STICKS)
     moved = np.abs(disk.contact_rows @ q).reshape(N, -1, 2)
-    np.testing.assert_allclose(found.amplitude, moved[0], rtol=1e-9)
+    np.testing.assert_allclose(found.amplitude, moved[0], rtol=1.5e-10)
 
 
 def test_response_of_a_disk_writes_its_wave(tmp_path: Path) -> None:
@@ -190,7 +190,9 @@ def test_response_of_a_disk_writes_its_wave(tmp_path: Path) -> None:
     pairs = cKDTree(disk.points).query_pairs(1e-6, output_type="ndarray")
     there, here = disk["displacement_m"][pairs].swapaxes(0, 1)
     assert len(pairs) >= 2 * N  # cut faces of neighbours lie on each other
-    np.testing.assert_allclose(there, here, atol=1e-6 * np.abs(disk["displacement_m"]).max())
+    np.testing.assert_allclose(
+        there, here, rtol=0.0, atol=1e-6 * np.abs(disk["displacement_m"]).max()
+    )
     trained = Trained((1e3,), (0.1,), amplitude=1.0, duration=0.0, dissipation=0.0)
     again = response(replace(stored, trained=trained))
     assert any("loads.0.force is 2000, and was 1000" in note for note in again.warnings)

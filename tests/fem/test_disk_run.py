@@ -141,7 +141,7 @@ def test_disk_of_sectors_rubs_as_the_whole_disk(tmp_path: Path) -> None:
     estimate, true = few.errors["basis"], distances(few.motion, motion)
     for name in ("amplitude", "peak_force"):
         assert 1.0 < getattr(estimate, name) / getattr(true, name) < 2.0
-    assert found.motion.relative_imbalance < 1e-6 and found.disk.wave_error[1] < 1e-5
+    assert found.motion.relative_imbalance < 1e-14 and found.disk.wave_error[1] < 8e-6
     # diameter 2 and, by friction, its odd multiples only
     assert found.shares[2] > 0.98 and found.shares[[1, 3]].max() < 1e-10
 
@@ -165,12 +165,16 @@ def test_stresses_and_displacements_of_sectors_are_those_of_the_whole_disk(tmp_p
     assert found.motion.coordinates is not None and found.disk.table is not None
     q = found.model.sector_coordinates(found.motion.coordinates[-1:])[:, 0]
     stress = von_mises(found.disk.table.stress(q, "cauchy"))
-    np.testing.assert_allclose(np.sort(stress.ravel()), np.sort(wanted), atol=6e-6 * wanted.max())
+    np.testing.assert_allclose(
+        np.sort(stress.ravel()), np.sort(wanted), rtol=0.0, atol=6e-6 * wanted.max()
+    )
     last = pyvista.read(sorted((folder / "motion").glob("*.vtu"))[-1])
     near = cKDTree(table.vertex_position).query(last.points[:, :2])
     moved, size = table.vertex_displacement[0], abs(table.vertex_displacement[0]).max()
     assert near[0].max() < 1e-6
-    np.testing.assert_allclose(last["displacement_m"][:, :2], moved[near[1]], atol=1e-7 * size)
+    np.testing.assert_allclose(
+        last["displacement_m"][:, :2], moved[near[1]], rtol=0.0, atol=1e-7 * size
+    )
     rows = np.genfromtxt(folder / "stresses.csv", delimiter=",", names=True, dtype=None)
     assert len(rows) == N + 1 and rows["von_mises_Pa"].max() >= last["von_mises_Pa"].max() * 0.999
     named = found.disk.with_overrides({"output.sectors": [4]})
@@ -200,7 +204,8 @@ def test_sector_of_two_different_blades_moves_as_the_whole_disk(tmp_path: Path) 
     model = disk_model(disk.sector, disk_scene(one), np.zeros(N // 2))
     found = simulate(model, disk_scene(one))
     every = np.concatenate([turned(points, 2 * j) for j in range(N // 2)])
-    points6, of = np.unique(every.round(9), axis=0, return_inverse=True)
+    _, first6, of = np.unique(every.round(9), axis=0, return_index=True, return_inverse=True)
+    points6 = every[first6]
     cells6 = np.concatenate([of[cells + j * len(points)] for j in range(N // 2)])
     more = {"rotation": spinning(2), **tables(1, range(N))}
     whole = scene_of(tmp_path, points6, cells6, **more)
@@ -232,7 +237,7 @@ def test_blades_swing_and_rub_as_those_of_the_whole_disk(tmp_path: Path) -> None
     assert abs(wanted).max() > 0.039 and 0.3 < np.mean(motion.state == 0) < 0.9
     size = np.linalg.norm(wanted)
     assert np.linalg.norm(swung - wanted) < 1e-3 * size < 1.2e-3 * np.linalg.norm(straight - wanted)
-    assert found.relative_imbalance < 1e-6
+    assert found.relative_imbalance < 1e-11
 
 
 def test_disk_moves_as_by_newton_in_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -297,7 +302,9 @@ def test_order_of_all_sectors_moves_them_as_one(tmp_path: Path) -> None:
     sector, whole = build_disk(scene).sector, disk_scene(scene)
     found = simulate(disk_model(sector, whole, np.zeros(N)), whole).displacement
     wanted = marched_alone(sector, scene).displacement
-    np.testing.assert_allclose(found, np.repeat(wanted, N, 1), atol=1e-10 * abs(wanted).max())
+    np.testing.assert_allclose(
+        found, np.repeat(wanted, N, 1), rtol=0.0, atol=1e-11 * abs(wanted).max()
+    )
 
 
 LEAN, BLADES = 0.5, 24
@@ -453,10 +460,10 @@ def test_ratios_damp_the_families_of_waves(tmp_path: Path) -> None:
     damping, stiffness = disk.velocity_matrix.toarray(), disk.elastic(0.0 * disk.load(0.0))[1]
     found = damping @ np.linalg.solve(disk.mass.toarray(), damping)
     wanted = 4e-4 * stiffness.toarray()
-    np.testing.assert_allclose(found, wanted, atol=1e-9 * np.abs(wanted).max())
+    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-14 * np.abs(wanted).max())
     z = np.random.default_rng(1).standard_normal(len(damping))
     np.testing.assert_allclose(
-        disk.velocity_matrix @ z, damping @ z, atol=1e-10 * abs(damping).max()
+        disk.velocity_matrix @ z, damping @ z, rtol=0.0, atol=1e-14 * abs(damping).max()
     )
 
 
@@ -468,8 +475,10 @@ def test_damping_by_stiffness_changes_with_it_and_coriolis_forces_do_not(tmp_pat
         for delta in (np.zeros(N), np.full(N, 0.25))
     )
     assert np.abs(tuned - tuned.T).max() > 1e3  # N s/m, by the Coriolis force
-    np.testing.assert_allclose(mistuned - mistuned.T, tuned - tuned.T, atol=1e-6)
-    np.testing.assert_allclose(mistuned + mistuned.T, 1.25 * (tuned + tuned.T), atol=1e-6)
+    np.testing.assert_allclose(mistuned - mistuned.T, tuned - tuned.T, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(
+        mistuned + mistuned.T, 1.25 * (tuned + tuned.T), rtol=0.0, atol=1e-10
+    )
 
 
 def test_forces_of_a_mistuned_disk_are_the_slopes_of_its_energy(tmp_path: Path) -> None:
@@ -485,7 +494,9 @@ def test_forces_of_a_mistuned_disk_are_the_slopes_of_its_energy(tmp_path: Path) 
 
     assert_tangent(lambda q: disk.elastic_at(q)[1], lambda q: disk.elastic_at(q)[0], q0)
     force, matrix = over_step(dq, [1.0], [1.0])
-    np.testing.assert_allclose(force, disk.elastic_at(q0 + dq)[0], atol=1e-12 * abs(force).max())
+    np.testing.assert_allclose(
+        force, disk.elastic_at(q0 + dq)[0], rtol=0.0, atol=1e-12 * abs(force).max()
+    )
     assert_tangent(lambda x: over_step(x)[0], lambda x: over_step(x)[1], dq)
     linear = over_step(-q0, [1.0], [1.0])[1]
     assert abs(matrix - linear).max() > 0.1 * abs(linear).max()
@@ -507,7 +518,9 @@ def test_stored_disk_moves_as_that_of_a_new_sector(tmp_path: Path) -> None:
     scene = sector_scene(tmp_path, 1, **more)
     sector, whole = build_disk(scene).sector, disk_scene(scene)
     wanted = simulate(disk_model(sector, whole, found.mistuning), whole).displacement
-    np.testing.assert_allclose(found.motion.displacement, wanted, atol=1e-9 * abs(wanted).max())
+    np.testing.assert_allclose(
+        found.motion.displacement, wanted, rtol=0.0, atol=1e-9 * abs(wanted).max()
+    )
     for key, value in (("cyclic.sectors", 7), ("rotation.speed_rpm", 1e3)):
         with refusal(ErrorKind.MISMATCH, key=key.split(".")[0], names="cannot change"):
             disk.with_overrides({key: value})

@@ -30,17 +30,17 @@ def test_matrix_of_sectors_agrees_with_the_full_one(
     if reach:
         matrix = matrix + 0.5 * replace(0.0 * matrix, columns=columns, weight=6.0)
         wanted += 3.0 * columns @ columns.T
-    np.testing.assert_allclose(matrix.toarray(), wanted, atol=1e-12)
+    np.testing.assert_allclose(matrix.toarray(), wanted, rtol=0.0, atol=1e-14)
     z, block = rng.standard_normal(size), rng.standard_normal((size, COLUMNS + 5))
-    np.testing.assert_allclose(matrix @ z, wanted @ z, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(matrix @ z, wanted @ z, rtol=1e-14, atol=1e-14)
     inverse, given = matrix.inverse(), block.copy()
-    np.testing.assert_allclose(inverse(block), np.linalg.solve(wanted, block), atol=1e-13)
+    np.testing.assert_allclose(inverse(block), np.linalg.solve(wanted, block), rtol=0.0, atol=1e-15)
     np.testing.assert_array_equal(block, given)
-    np.testing.assert_allclose(inverse(z), np.linalg.solve(wanted, z), atol=1e-13)
+    np.testing.assert_allclose(inverse(z), np.linalg.solve(wanted, z), rtol=0.0, atol=1e-15)
     alike = CyclicMatrix(sectors, blocks[:1], M, neighbour)
     several = CyclicMatrix(sectors, np.repeat(blocks[:1], sectors, axis=0), M, neighbour)
-    np.testing.assert_allclose(alike @ z, several @ z, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(alike.inverse()(z), several.inverse()(z), atol=1e-14)
+    np.testing.assert_allclose(alike @ z, several @ z, rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(alike.inverse()(z), several.inverse()(z), rtol=0.0, atol=1e-15)
 
 
 def test_inverse_of_a_singular_matrix_is_not_a_number() -> None:
