@@ -263,3 +263,32 @@ def test_modules_of_the_commands_of_stored_models_need_no_dolfinx() -> None:
         f"for name in {modules}: importlib.import_module('fenicsrom.' + name)"
     )
     fresh_python(program)
+
+
+def named_in_docs() -> Iterator[tuple[str, str]]:
+    """Each module, and each name of a module or of what is in one that it quotes."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for found in re.findall(
+            r"`((?:fenicsrom\.)?[a-z_]+\.[a-z_.]+[A-Za-z_]*)`", path.read_text()
+        ):
+            name = found.removeprefix("fenicsrom.")
+            if (PACKAGE / name.split(".")[0]).is_dir() and not name.endswith((".toml", ".json")):
+                yield str(path.relative_to(PACKAGE)), f"fenicsrom.{name}"
+
+
+def is_there(name: str) -> bool:
+    """Whether a name is that of a module, or of something defined in one."""
+    path = PACKAGE.parent.joinpath(*name.split("."))
+    if path.is_dir() or path.with_suffix(".py").exists():
+        return True
+    last = re.escape(path.name)
+    defined = re.compile(rf"^\s*(?:(?:def|class|from .*) {last}\b|{last}\s*[,:=])", re.MULTILINE)
+    sources = [folder.with_suffix(".py") for folder in (path.parent, path.parent.parent)]
+    sources.append(path.parent / "__init__.py")
+    return any(source.exists() and defined.search(source.read_text()) for source in sources)
+
+
+def test_docstrings_name_modules_that_exist() -> None:
+    assert not [quoted for quoted in named_in_docs() if not is_there(quoted[1])]
+    assert not is_there("fenicsrom.online.step.loop")
+    assert not is_there("fenicsrom.online.step.step.LOOP_SHARE")

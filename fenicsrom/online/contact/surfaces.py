@@ -157,8 +157,8 @@ class Contacts(NamedTuple):
         side: (P,) 1 if the body is on the side of `centre`, else -1.
         spin: (P,) constant rate at which the surface turns about its axis, rad/s.
         turns: (P,) angle by which it turns for each radian of the body, where the speed varies.
-        history: (r, 3) times, speeds and angles theta of the body (`online.contact.turning`); none
-            at a constant speed.
+        history: (r, 3) times, speeds and angles theta of the body (`speed_history`); none at a
+            constant speed.
         times: (k,) s.
         approach: (P, k) distance that the surface has moved towards the body at these times, linear
             between them, m.

@@ -1,14 +1,12 @@
-"""The compilation of kernels: its announcement, and its time.
+"""Compilation with numba: kernels, what they pass on, their machine code, and its store.
 
-Numba sends the event "numba:compile" where it compiles a function that it does not find in its
-cache. Source: numba's documentation of `numba.core.event`.
+A compiled function has two sides. Compiled code calls the function itself, a part of a larger
+program. Python calls an entry. Numba's own way has two costs, which this module avoids.
 
-Named tuples that compiled code passes on by reference.
-
-Numba passes a tuple by value: every call of a function moves each pointer, size and stride of each
-array in it, some hundred numbers for the state of a time integration, and counts a reference to
-each array. Here compiled code gets a pointer to the tuple. A field is loaded where it is used. Two
-facts make these loads cheap:
+**Named tuples.** Numba passes a tuple by value: every call of a function moves each pointer, size
+and stride of each array in it, some hundred numbers for the state of a time integration, and counts
+a reference to each array. Here an entry makes pointers of the named tuples among its arguments, and
+a field is loaded where it is used. Two facts make these loads cheap:
 
 - Nothing writes into a tuple (only into the arrays that it holds). Its loads are therefore marked
   as invariant, so that LLVM keeps them in registers and moves them out of loops.
@@ -18,13 +16,11 @@ facts make these loads cheap:
 Source: numba's low-level extension interface (numba documentation, "Extending Numba"), and
 "invariant.load" of LLVM's language reference.
 
-Machine code of a function with all functions that it calls, made once.
-
-Numba optimises each compiled function and makes its machine code, and does both again in each of
-its callers. Here a function that is called by compiled code only (a part) is translated to LLVM's
-intermediate code. An entry, which Python calls, is linked with all parts below it, each once. LLVM
-then optimises the whole, and makes its machine code once. The parts are internal to the entry:
-their names cannot meet those of the same parts in another entry, or in stored machine code.
+**Machine code.** Numba optimises each function and makes its machine code, and does both again in
+each of its callers. Here a part is translated to LLVM's intermediate code. An entry is linked with
+all parts below it, each once; LLVM then optimises the whole, and makes its machine code once. The
+parts are internal to the entry: their names cannot meet those of the same parts in another entry,
+or in stored machine code.
 
 A part becomes internal only when all are linked. Numba optimises each function alone before that,
 and may remove the only call of a part (`if derive:` where `derive` is the literal False). LLVM
@@ -43,17 +39,12 @@ names are private to numba, and were checked with its versions from `FIRST` to `
 With another version the passes are numba's own. Compilation takes longer, and the results are the
 same.
 
-Compilation with numba.
-
-A compiled function has two sides. Compiled code calls the function itself, a part of a larger
-program. Python calls an entry, which makes references of the named tuples among its arguments
-(`online.kernels.references`), and whose machine code holds all parts below it
-(`online.kernels.emission`). The machine code of entries is stored for the next process.
-
-Numba finds stored code by the place and the name of a function, and keeps it until the file of the
-function changes. The machine code depends on other files too. It is therefore kept until one of the
-modules changes that the module of the function imports. Where numba is of a version that was not
-checked, the digest of these modules is a part of the name.
+**Store.** The machine code of entries is stored for the next process. Numba finds stored code by
+the place and the name of a function, and keeps it until the file of the function changes. The
+machine code depends on other files too. It is therefore kept until one of the modules changes that
+the module of the function imports. Where numba is of a version that was not checked, the digest of
+these modules is a part of the name. Numba sends the event "numba:compile" where it compiles a
+function that it does not find (numba's documentation of `numba.core.event`): it is announced.
 """
 
 import hashlib

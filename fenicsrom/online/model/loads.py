@@ -74,8 +74,8 @@ class LoadHistories(NamedTuple):
             load after load.
         spans: (loads, 4) for each load, its first sine and the one after its last, and its first
             row of the table and the one after its last.
-        history: (k, 3) times, speeds and angles of the body (`online.contact.turning`); none at a
-            constant speed.
+        history: (k, 3) times, speeds and angles of the body; none at a constant speed
+            (`online.contact.surfaces.speed_history`).
     """
 
     sines: Array
@@ -392,7 +392,7 @@ def histories_of(loads: Sequence[Load], history: Array = NO_HISTORY) -> LoadHist
 
     Args:
         loads: the loads.
-        history: (k, 3) of the speed of rotation (`online.contact.turning`).
+        history: (k, 3) of the speed of rotation (`online.contact.surfaces.speed_history`).
     """
     return of_loads([load.by_acceleration() for load in loads], history)
 

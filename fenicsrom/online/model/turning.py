@@ -38,7 +38,8 @@ class Turning(NamedTuple):
     """The data of (1) in n coordinates; no history and no size for a body at a constant speed.
 
     Attributes:
-        history: (r, 3) times, speeds and angles of the body (`online.contact.turning`).
+        history: (r, 3) times, speeds and angles of the body
+            (`online.contact.surfaces.speed_history`).
         centrifugal: (n,) c, kg m.
         softening: (n, n) Q, kg.
         coriolis: (n, n) G, kg.

@@ -1,6 +1,6 @@
 """The period map of the time stepping and its derivative (the monodromy matrix).
 
-The map takes the start of a period to its end by the compiled loop of `online.step.loop`. Its
+The map takes the start of a period to its end by the compiled loop of `online.step.step`. Its
 variables are z = (q, v, a, w): coordinates, velocities, accelerations and the sliders of the
 contact points. The discrete gradient has no accelerations. The normal component of a slider before
 a plane has no meaning and is left out. The derivative is carried over the recorded steps

@@ -356,7 +356,7 @@ def integrate(
     Raises:
         ConvergenceError: Newton's method did not converge at the smallest step; `partial` holds the
             motion up to this step.
-        AccuracyError: the energy balance is off (`online.motion.energy`); `partial` holds the
+        AccuracyError: the energy balance is off (`online.motion.motion`); `partial` holds the
             motion.
         Interrupted: the work was asked to stop; `partial` holds the motion so far.
     """

@@ -83,7 +83,7 @@ class Control(NamedTuple):
     Attributes:
         grid: the run stops on multiples of this time after `origin`, s; the step never exceeds it.
         tolerance: for adaptive steps: the local error of a step is at most
-            `online.step.loop.STEP_SHARE` of it, relative to the size of the motion; 0 for a
+            `online.step.step.STEP_SHARE` of it, relative to the size of the motion; 0 for a
             fixed step.
         size: lower bound of the size of the motion in relative errors, in the mass norm.
         times: (k,) ascending times in place of the grid, s; none where the grid is equidistant.
