@@ -347,7 +347,7 @@ def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshF
         elif name in ("FX", "FY", "FZ") and numbers.get(node) in found.turned:
             found.leave(f"F,{node},{name}: the node has axes of its own")
         elif name in ("FX", "FY", "FZ") and node in numbers:
-            found.forces[numbers[node]]["XYZ".index(name[1])] += value
+            found.forces[numbers[node]]["XYZ".index(name[1])] = value
         elif value:
             found.leave(f"F,{node},{name}")
     for components in {frozenset(entry) for entry in held.values()}:

@@ -670,5 +670,6 @@ def test_loads_in_the_middle_of_edges_of_wedges_of_an_archive_are_taken(tmp_path
     head = (1, 1, 1, 1, 0, 0, 0, 0, 20, 0, 1)
     row = "".join(f"{n:9d}" for n in (*head, *corners)) + "\n" + "".join(f"{n:9d}" for n in middles)
     text += f"EBLOCK,19,SOLID\n(19i9)\n{row}\n       -1\nF,13,FZ,-5.\n"
+    text += "F,13,FZ,-5.\n"  # which replaces the first one
     found, _ = physics(tmp_path / "a.cdb", text.replace("ET,1,185", "ET,1,186"))
     assert found.loads == (DeckLoad("force", (0.0, 0.0, -5.0), tuple(edges[4].tolist())),)

@@ -428,8 +428,9 @@ def _combine(groups: dict[str, Ints]) -> tuple[Ints, Ints, dict[str, tuple[int, 
 DEGENERATE = 1e-12
 """Smaller Jacobian determinants, relative to the cell size to the power d, count as zero."""
 
-STRAIGHT = 1e-6
-"""Accepted distance of a node from its place in the straight cell, relative to the cell."""
+STRAIGHT = 1e-4
+"""Accepted distance of a node from its place in the straight cell, relative to the cell: the
+rounding of decks, whose fields may have eight characters."""
 
 PLANAR = 1e-9
 """Smaller variations of z in a 2D mesh, relative to the extent, count as zero."""
