@@ -29,6 +29,7 @@ from fenicsrom.online.store.scene_changes import Trained
 from fenicsrom.post.base.origin import RESULTS
 from tests.disks import CYCLIC, N, bladed, scene_of, shrouded, spinning
 from tests.fem.test_disk_contact import sector_scene as touching
+from tests.fem.test_disk_contact import whole_body
 from tests.fem.test_disk_run import tables
 from tests.support import refusal
 
@@ -155,6 +156,32 @@ def test_linear_wave_without_contact_is_that_of_the_matrices_of_the_disk(
     assert found.damping_dissipation == pytest.approx(lost.real, rel=1e-9)
 
 
+@pytest.mark.parametrize("order", [2, 4])
+def test_wave_at_speed_is_that_of_the_whole_disk_in_finite_elements(
+    tmp_path: Path, order: int
+) -> None:
+    """Backward and forward waves, with stress stiffening, Coriolis force and damping."""
+    tip = bladed()[0][-1, :2].tolist()
+    scene = blades(tmp_path, order, 170.0, contacts=[], probe={"nearest": tip}, basis={"modes": 20})
+    found = balanced(build_disk(scene).sector, scene)
+    body = whole_body(scene)[1]
+    free, one = np.setdiff1d(np.arange(body.local), body.clamped), np.eye(body.local)
+    stiffness, mass, coriolis, damping = (
+        times(one)[np.ix_(free, free)]
+        for times in (
+            body.stiffness_times,
+            body.mass_times,
+            body.gyroscopic_times,
+            body.viscous.times,
+        )
+    )
+    omega = 2.0 * np.pi / scene.period
+    push = scene.loads[0].size * body.load_vectors[free] @ np.exp(1j * lag_of(scene) * np.arange(N))
+    u = np.linalg.solve(stiffness + 1j * omega * (coriolis + damping) - omega**2 * mass, push)
+    moved = np.abs(body.probe_rows[:, free] @ u)
+    np.testing.assert_allclose(found.amplitude[0], moved, rtol=1e-5)
+
+
 def test_wave_of_shrouds_that_stick_is_that_of_the_matrices_of_the_disk(tmp_path: Path) -> None:
     """The contact rows of a sector have a part of the next one, which moves by the lag."""
     scene = touching(tmp_path, shrouded(), force=1.0)
@@ -205,6 +232,9 @@ def test_wave_that_the_balance_cannot_find_is_refused(tmp_path: Path) -> None:
     scene = blades(tmp_path, 2, 170.0, response=table, cyclic=CYCLIC | {"mistuning": N * [0.1]})
     with refusal(ErrorKind.CONFLICT, key="cyclic.mistuning", names="tuned"):
         response(scene)
+    over_speed = {"parameter": "rotation.speed_rpm", "first": 4000.0, "last": 6000.0}
+    with refusal(ErrorKind.CONFLICT, key="response.parameter", names="range of frequency"):
+        blades(tmp_path, 2, 170.0, response=over_speed)
 
 
 def test_wave_that_is_not_found_ends_with_advice(

@@ -26,7 +26,6 @@ def _balance_problems(scene: Scene, response: Response) -> Problems:
         "response.isolated": response.isolated,
         "response.peak_over": response.peak_over,
         "response.full": response.full,
-        "response.parameter": response.parameter == "rotation.speed_rpm",
         "rotation.history": scene.rotation is not None and scene.rotation.history,
         **{f"loads[{k}].follower": True for k in scene.followers},
         **{
@@ -36,6 +35,16 @@ def _balance_problems(scene: Scene, response: Response) -> Problems:
     }
     for key in filter(unusual.get, unusual):
         yield Problem(key, "not allowed in response curves by harmonic balance")
+    if response.parameter == "rotation.speed_rpm":
+        allowed = 'only allowed with response.method = "shooting"'
+        if scene.cyclic is not None:
+            allowed = (
+                "not allowed with [cyclic]: the stiffness is that of rotation.speed_rpm; set it to "
+            )
+            allowed += (
+                "a critical speed (fenicsrom campbell), and follow a range of frequency about it"
+            )
+        yield Problem("response.parameter", allowed)
     if scene.cyclic is None:
         return
     orders = [load.order for load in scene.loads if not load.static]
