@@ -12,7 +12,7 @@ pytest.importorskip("meshio")
 pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
-from fenicsrom import build_solid, make_scene, modes, run
+from fenicsrom import build_solid, campbell, make_scene, modes, run
 from fenicsrom.assess.rotation.disk_modes import WaveMode, directions, wave_modes
 from fenicsrom.assess.rotation.rotating_modes import have_passed_zero, modes_at_speed
 from fenicsrom.errors import ErrorKind
@@ -312,6 +312,37 @@ def test_two_ranks_give_the_waves_of_one(tmp_path: Path) -> None:
         )
     assert len(tables[0]) > 12
     np.testing.assert_allclose(tables[1]["frequency_Hz"], tables[0]["frequency_Hz"], rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_campbell_of_many_waves_takes_few_of_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of two nodal diameters and of speeds in between are those of the mesh.
+
+    Waves in few coordinates that are not exact enough are not taken.
+    """
+    campbell_, waves_ = "fenicsrom.assess.rotation.campbell", "fenicsrom.fem.solid.reduced_waves"
+    monkeypatch.setattr(f"{waves_}.sampled_diameters", lambda sectors: [0, 1, 3])
+    table = {"speeds_rpm": [0.0, 5e3, 1e4, 15e3, 2e4], "modes": 3, "engine_orders": [2, 4]}
+    more: Any = {"cyclic": CYCLIC, "rotation": spinning(2), "campbell": table}
+    scene = scene_of(tmp_path, *bladed(), **more, output={"pictures": False})
+    exact = campbell(scene, MPI.COMM_SELF)
+    monkeypatch.setattr(f"{campbell_}.MANY_UNKNOWNS", 0)
+    monkeypatch.setattr(f"{campbell_}.MANY_WAVES", 0)
+    found = campbell(scene, MPI.COMM_SELF)
+    assert any("0, 1, 3 nodal diameters" in note for note in found.warnings)
+    assert found.labels == exact.labels and len(exact.critical) == 2
+    np.testing.assert_allclose(found.squares, exact.squares, rtol=1e-5)
+    assert not np.array_equal(found.squares, exact.squares)
+    pairs = zip(found.critical, exact.critical, strict=True)
+    assert max(abs(a.speed_rpm / b.speed_rpm - 1.0) for a, b in pairs) < 1e-5
+    assert found.shapes is not None and exact.shapes is not None
+    common = np.abs(np.sum(found.shapes.conj() * exact.shapes, axis=0))
+    sizes = np.linalg.norm(found.shapes, axis=0) * np.linalg.norm(exact.shapes, axis=0)
+    assert np.all(common > (1.0 - 1e-6) * sizes)
+    monkeypatch.setattr(f"{campbell_}.WAVE_ERROR", 0.0)
+    np.testing.assert_allclose(campbell(scene).squares, exact.squares, rtol=1e-9)
 
 
 def test_report_of_a_disk_names_its_waves(tmp_path: Path) -> None:

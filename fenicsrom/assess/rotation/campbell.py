@@ -57,11 +57,15 @@ from fenicsrom.scene.base.rules import Where
 from fenicsrom.words import brief
 
 if TYPE_CHECKING:
+    from fenicsrom.fem.solid.reduced_waves import ReducedWaves
     from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.online.store.archive import StoredModel
 
 
 JUDGED = 3  # nodal diameters whose frequencies finer elements judge: first, middle and last
+MANY_WAVES, MANY_UNKNOWNS = 40, 5000
+"""From so many pairs of a nodal diameter and a speed, and unknowns, few coordinates save time."""
+WAVE_ERROR = 1e-4  # largest accepted error of the frequencies of these waves
 MODES = 6  # number of modes, unless the scene gives it
 DOUBTFUL_MAC = 0.6  # a mode that keeps less of its shape may have been swapped with another one
 EXTRA_MODES = 4  # additional modes to track, because they may cross the requested modes
@@ -215,7 +219,9 @@ def campbell(given: Scene | StoredModel, comm: Any = None) -> Campbell:
     if solid is not None and scene.cyclic is not None:
         last = [part.shapes[reached.size - 1][:, : part.shown] for part in tracked.parts]
         pairs = list(zip(scene.cyclic.waves, last, strict=True))
-        found.waves, found.shapes = waves_of(solid, pairs, _sense(scene, reached[-1]))
+        turning: Any = solid.cut if tracked.turning is solid else tracked.turning
+        moved = turning.displacements
+        found.waves, found.shapes = waves_of(solid, pairs, _sense(scene, reached[-1]), moved)
         if unfinished is None and np.any(solid.pressing & solid.between):
             released = [part.solved(solid, stuck=False) for part in tracked.parts]
             found.open_squares = np.concatenate(released)
@@ -234,15 +240,64 @@ def _tracked(given: Scene | StoredModel, scene: Scene, speeds: Array, comm: Any)
     solid = _solid_at(float(speeds[0]), scene, comm)
     if scene.cyclic is None:
         return _Tracked([_Part(nullcontext, modes_at_speed, asked)], solid, solid, fastest)
-    from fenicsrom.fem.solid.wave import wave
-
     parts = [
         _Part(
-            partial(wave, h=h), wave_modes, asked * directions(solid, h), f" of {h} nodal diameters"
+            partial(_wave, h=h),
+            wave_modes,
+            asked * directions(solid, h),
+            f" of {h} nodal diameters",
         )
         for h in scene.cyclic.waves
     ]
-    return _Tracked(parts, solid, solid, fastest)
+    return _Tracked(parts, _reduced(solid, fastest, asked, speeds) or solid, solid, fastest)
+
+
+def _wave(body: Any, h: int, **more: Any) -> AbstractContextManager[TurningBody]:
+    """The wave of a solid or of `ReducedWaves` with h nodal diameters."""
+    from fenicsrom.fem.solid.solid import Solid
+    from fenicsrom.fem.solid.wave import wave
+
+    return wave(body, h, **more) if isinstance(body, Solid) else body.wave(h)
+
+
+def _reduced(solid: Solid, scene: Scene, asked: int, speeds: Array) -> ReducedWaves | None:
+    """The waves of a disk in few coordinates, where they save time and are exact enough.
+
+    Args:
+        solid: the sector at the first speed.
+        scene: its scene.
+        asked: number of modes of each nodal diameter and direction.
+        speeds: the speeds (s,), rev/min.
+
+    Returns:
+        The waves at the first speed, whose error a note of the solid tells; None without them.
+    """
+    from fenicsrom.fem.solid.reduced_waves import ReducedWaves, sampled_diameters
+
+    cyclic, cut = scene.cyclic, solid.cut
+    assert cyclic is not None and cut is not None
+    between = sorted(set(cyclic.waves) - set(sampled_diameters(cyclic.sectors)))
+    few = len(speeds) * len(cyclic.waves) < MANY_WAVES or len(speeds) < 3 or not between
+    free = solid.free_motions.shape[1] > 0
+    if few or solid.free < MANY_UNKNOWNS or solid.joined or free or cut.meet():
+        return None
+    log.info("waves of a few nodal diameters at a few speeds ..")
+    found = ReducedWaves(solid, scene, asked, speeds)
+    h, speed = between[len(between) // 2], float(speeds[-1])
+    found.spin(np.pi / 30.0 * speed)
+    squares = []
+    for body in (found, solid):
+        with _wave(body, h) as one:
+            squares.append(wave_modes(one, asked * directions(solid, h))[0])
+    error = float(np.max(np.abs(squares[0] / squares[1] - 1.0))) / 2.0
+    (found if error < WAVE_ERROR else solid).spin(np.pi / 30.0 * float(speeds[0]))
+    if error > WAVE_ERROR:
+        return None
+    known = ", ".join(map(str, found.diameters))
+    text = f"the waves of {known} nodal diameters at 3 speeds give all others; the frequencies of "
+    text += f"{h} nodal diameters at {speed:g} rpm are off by {error:.1g}"
+    solid.warnings.append(Note(NoteKind.REMARK, text, quantity=FREQUENCIES))
+    return found
 
 
 def _judged(scene: Scene, tracked: _Tracked) -> MeshCheck:

@@ -10,7 +10,7 @@ Source: Singh et al., Proc. 17th Turbomachinery Symposium, 1988 (SAFE diagram).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -102,7 +102,10 @@ def wave_modes(wave: Wave, count: int) -> tuple[Array, Shapes, float]:
 
 
 def waves_of(
-    sector: Solid, shapes: Sequence[tuple[int, Shapes]], sense: float
+    sector: Solid,
+    shapes: Sequence[tuple[int, Shapes]],
+    sense: float,
+    displacements: Callable[[int, Shapes], Shapes],
 ) -> tuple[tuple[WaveMode, ...], Shapes]:
     """Which waves some modes are, and their displacements.
 
@@ -111,6 +114,7 @@ def waves_of(
         shapes: nodal diameters, and the shapes (own, m) of modes of `wave_modes`.
         sense: above 0 if the disk turns in the sense in which the sectors are counted, below 0 if
             against it, 0 if the modes have no direction.
+        displacements: of the shapes of a nodal diameter, as `CutFaces.displacements`.
 
     Returns:
         The waves, and their complex amplitudes (local, all modes) in the sector.
@@ -125,7 +129,7 @@ def waves_of(
         for k, (way, lag) in enumerate(zip(ways, lags, strict=True)):
             number = ways[: k + 1].count(way)
             found.append(WaveMode(sector.cut.sectors, h, number, way, int(lag)))
-        amplitudes.append(sector.cut.displacements(h, z))
+        amplitudes.append(displacements(h, z))
     return tuple(found), np.concatenate(amplitudes, axis=1)
 
 

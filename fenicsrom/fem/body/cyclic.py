@@ -238,13 +238,17 @@ class CutFaces:
         """The leading face of sector j + neighbour is the following face of sector j."""
         return 1 if self.angle > 0.0 else -1
 
+    def meet(self) -> bool:
+        """Whether the cut faces meet on the axis. Collective."""
+        return any(self._body.comm.allgather(self._central.size))
+
     def require_bore(self, what: str) -> None:
         """Check that the cut faces do not meet on the axis. Collective.
 
         Raises:
             SceneError: they do.
         """
-        if any(self._body.comm.allgather(self._central.size)):
+        if self.meet():
             reason = f"must not meet on the axis in {what}: give the disk a bore"
             raise self._refused("left", self._cyclic.left, reason)
 
@@ -262,6 +266,11 @@ class CutFaces:
         kept = sizes > INDEPENDENT * sizes.max(initial=0.0)
         shapes, values, _ = np.linalg.svd(found[:, kept] / sizes[kept], full_matrices=False)
         return np.asarray(shapes[:, values > INDEPENDENT * values[0]])
+
+    def coordinates(self, shapes: Array, fields: Complex) -> Complex:
+        """Coordinates (m, k) of fields (local, k) on the leading face in its shapes (l d, m)."""
+        found = self._of_leaders(fields.reshape(-1, self._d, fields.shape[1]))
+        return np.asarray(shapes.T @ found.reshape(-1, fields.shape[1]))
 
     def lifted(self, shapes: Array) -> Array:
         """Shapes (l d, m) on the leading face, then turned on the following one: (local, 2 m)."""

@@ -124,6 +124,22 @@ def stored_disk(scene: Scene, mesh: Mesh, timed: Timer) -> StoredDisk:
     )
 
 
+def clamped(scene: Scene) -> Scene:
+    """The scene of a sector, whose supports hold its cut faces, too."""
+    cyclic = scene.cyclic
+    assert cyclic is not None
+    clamps = Support(group=cyclic.left), Support(group=cyclic.right)
+    return replace(scene, supports=(*scene.supports, *clamps))
+
+
+def clamped_interior(sector: Solid, scene: Scene) -> Solid:
+    """The ordinary body that a sector is with clamped cut faces, about its equilibrium."""
+    known = KnownEquilibrium(sector.equilibrium, 0, displaced=True)
+    interior = Solid(sector.mesh, clamped(scene), known)
+    interior.cut = None  # its faces are held: it has no waves
+    return interior
+
+
 class _Cut:
     """A sector with its waves, and the ordinary body that it is with clamped cut faces."""
 
@@ -139,11 +155,8 @@ class _Cut:
             copies = {h: count * (1 if sector.cut.is_real(h) else 2) for h in waves}
             fields = [field[:, : copies[h]] for h, field in waves.items()]
             self._shapes[count] = sector.cut.face_shapes(np.concatenate(fields, axis=1))
-        clamps = Support(group=cyclic.left), Support(group=cyclic.right)
-        self._clamped = replace(scene, supports=(*scene.supports, *clamps))
-        known = KnownEquilibrium(sector.equilibrium, 0, displaced=True)
-        self._interior = Solid(sector.mesh, self._clamped, known)
-        self._interior.cut = None  # its faces are held: it has no waves
+        self._clamped = clamped(scene)
+        self._interior = clamped_interior(sector, scene)
         self._part_contacts()
 
     def __enter__(self) -> Self:
@@ -193,8 +206,8 @@ class _Cut:
         if options.derivatives in BY_MOTION:  # a sector alone moves otherwise
             labels = all_pairs([f"{k + 1}V" for k in range(paired)])
             options = replace(options, derivatives=tuple(labels))
-        clamped = replace(self._clamped, basis=options)
-        return Reduction(self._interior, clamped, self._timed).basis
+        held = replace(self._clamped, basis=options)
+        return Reduction(self._interior, held, self._timed).basis
 
     def larger_basis(self, basis: ReducedBasis) -> ReducedBasis:
         """The basis of the interior of the larger sector; `basis` is the one that it judges."""

@@ -130,11 +130,16 @@ class Wave:
 
     def parts(self, z: Complex) -> tuple[Complex, Complex]:
         """z₊ and z₋ of (1) of a block (own, k); if the wave stands (h = 0, N/2), z and nothing."""
-        if not self.double:
-            return z, 0.0 * z
-        turned = np.empty_like(z, dtype=complex)
-        turned[::2], turned[1::2] = -1j * z[1::2], 1j * z[::2]
-        return 0.5 * (z - turned), 0.5 * (z + turned)
+        return one_way(z, self.double)
+
+
+def one_way(z: Complex, double: bool) -> tuple[Complex, Complex]:
+    """As `Wave.parts`; `double` says whether the wave goes around."""
+    if not double:
+        return z, 0.0 * z
+    turned = np.empty_like(z, dtype=complex)
+    turned[::2], turned[1::2] = -1j * z[1::2], 1j * z[::2]
+    return 0.5 * (z - turned), 0.5 * (z + turned)
 
 
 def _rigid_masters(sector: Solid, h: int) -> Array:
