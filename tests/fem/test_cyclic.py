@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.fem.solid.wave import wave
-from fenicsrom.post.studies.disk_report import disk_report
+from fenicsrom.post.studies.disk_report import disk_report, interference_figure
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.scene import Basis
 from tests.disks import CYCLIC, STEEL, N, bladed, copied, hub, ring, scene_of, spinning
@@ -343,6 +344,17 @@ def test_campbell_of_many_waves_takes_few_of_them(
     assert np.all(common > (1.0 - 1e-6) * sizes)
     monkeypatch.setattr(f"{campbell_}.WAVE_ERROR", 0.0)
     np.testing.assert_allclose(campbell(scene).squares, exact.squares, rtol=1e-9)
+
+
+def test_interference_diagram_numbers_modes_by_their_frequencies() -> None:
+    """Modes that crossed on the way to the speed of operation keep the names of their waves."""
+    waves = [WaveMode(6, h, number, 0, 1) for h in (0, 1) for number in (1, 2)]
+    hertz = np.array([[1.0, 2.0, 2.1, 1.1]])
+    found: Any = SimpleNamespace(
+        waves=waves, frequencies_hz=hertz, operating_squares=None, margins=None
+    )
+    (panel,) = interference_figure(found).panels
+    assert [line.y for line in panel.items] == [[1.0, 1.1], [2.0, 2.1]]
 
 
 def test_report_of_a_disk_names_its_waves(tmp_path: Path) -> None:

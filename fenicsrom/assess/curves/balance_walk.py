@@ -102,6 +102,10 @@ class BalanceWalk(CurveWalk):
             ConvergenceError: it was not found.
         """
         self(f"start at {self.place(value)} with {self._balance.harmonics} harmonics")
+        return self._found(value)
+
+    def _found(self, value: float) -> CurvePoint | None:
+        """As `first`, untold."""
         problem, lost = self.family(value), f"response: at {self.place(value)} no motion was found"
         s = self._balance.linear(problem)
         if s is None:
@@ -202,7 +206,7 @@ class BalanceWalk(CurveWalk):
         walk = BalanceWalk(richer.stored, ResponseCurve(None))
         walk._balance = balance_of(richer.stored, walk.family, self._balance.harmonics)
         try:
-            near = walk.first(point.parameter)
+            near = walk._found(point.parameter)
         except ConvergenceError:
             return None
         moved = None if near is None else change(point.amplitude, near.amplitude)

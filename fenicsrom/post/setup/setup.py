@@ -339,7 +339,7 @@ def setup_figure(
     frame = frame_of(view, [*places, *beside])
     _, low, high = frame
     pale = [surface_of(replace(grid, points=points)) for points in beside]
-    body = [painted(near, PALE) for near in pale]
+    body = [painted(near, PALE, opacity=0.4) for near in pale]
     body += [drawn_lines(form_edges(near), PALE_LINE) for near in pale]
     body += [*region_parts(surface, marks), drawn_lines(form_edges(surface))]
     body += [drawn_lines(cell_edges(grid), "#8C949B", 1.0), *drawn]

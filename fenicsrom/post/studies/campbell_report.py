@@ -95,12 +95,16 @@ def sentences(found: Campbell) -> list[str]:
     """The results in sentences, for the terminal and the report."""
     speeds, modes = found.speeds_rpm, found.squares.shape[1]
     orders = ", ".join(map(str, found.scene.campbell.engine_orders))
+    at = f"{speeds[0]:g} rpm"
+    if speeds.size > 1:
+        at = f"{speeds.size} speeds from {speeds[0]:g} to {speeds[-1]:g} rpm"
     lines = [
-        f"{counted(modes, 'mode')} at {counted(speeds.size, 'speed')} from {speeds[0]:g} to "
-        f"{speeds[-1]:g} rpm; largest displacement of the equilibrium "
-        f"{1e3 * found.largest.max():.3g} mm.",
-        f"{counted(len(found.critical), 'critical speed')} of the engine orders {orders}.",
+        f"{counted(modes, 'mode')} at {at}; largest displacement of the equilibrium "
+        f"{1e3 * found.largest.max():.3g} mm."
     ]
+    if speeds.size > 1:
+        critical = counted(len(found.critical), "critical speed")
+        lines.append(f"{critical} of the engine orders {orders}.")
     if found.names:
         lines.append(
             "Names by the motion of the tip at the first speed: F flap, E edge, T torsion, "

@@ -109,29 +109,35 @@ def rows_of(found: Campbell) -> Iterator[dict[str, Any]]:
 
 
 def interference_figure(found: Campbell) -> Plot:
-    """Frequencies over the nodal diameter, with the engine orders at the speed of operation."""
+    """Frequencies over the nodal diameter, with the engine orders at the speed of operation.
+
+    The modes of each diameter are numbered in ascending order at this speed.
+    """
     values = found.frequencies_hz[-1]
     if found.operating_squares is not None:
         values = hertz(found.operating_squares)
     ways = sorted({wave.direction for wave in found.waves if wave.direction}) or [0]
     items: list[Item] = []
-    for number in range(1, max(wave.number for wave in found.waves) + 1):
+    for number in range(max(wave.number for wave in found.waves)):
         for way in ways:
-            own = [
-                k
-                for k, wave in enumerate(found.waves)
-                if wave.number == number and wave.direction in (0, way)
-            ]
+            own = [(h, rows[number]) for h, rows in _ranked(found, values, way) if rows[number:]]
             style, marker, word = LOOKS[way]
             look: dict[str, Any] = {"marker": marker, "markersize": 4.0}
-            look |= {"color": COLOURS[(number - 1) % len(COLOURS)], "label": f"mode {number}{word}"}
-            items.append(Line([found.waves[k].diameter for k in own], values[own], style, **look))
+            look |= {"color": COLOURS[number % len(COLOURS)], "label": f"mode {number + 1}{word}"}
+            items.append(Line([h for h, _ in own], [f for _, f in own], style, **look))
     top = 1.08 * float(values.max(initial=1.0))
     if found.margins is not None:
         items += _folded_line(found, found.margins, top)
     marks = {float(h): f"{h}" for h in _diameters(found)}
     labels = "nodal diameter", "frequency, Hz"
     return Plot([Panel(items, *labels, ylim=(0.0, top), xticks=marks)], 8.0, 5.4)
+
+
+def _ranked(found: Campbell, values: Array, way: int) -> Iterator[tuple[int, list[float]]]:
+    """Each nodal diameter with the ascending frequencies (w,) of its waves that run one way."""
+    for h in _diameters(found):
+        both = zip(found.waves, values, strict=True)
+        yield h, sorted(f for w, f in both if w.diameter == h and w.direction in (0, way))
 
 
 def _folded_line(found: Campbell, margins: Array, top: float) -> list[Item]:
@@ -166,10 +172,13 @@ def speed_figure(found: Campbell) -> Plot:
     for k, h in enumerate(_diameters(found)):
         look: dict[str, Any] = {"color": COLOURS[k % len(COLOURS)]}
         look |= {"label": counted(h, "nodal diameter"), "linewidth": 1.0 + k // len(COLOURS)}
-        for wave, values in zip(found.waves, found.frequencies_hz.T, strict=True):
-            if wave.diameter == h:
-                style = "--" if wave.direction < 0 else "-"
-                items.append(Line(found.speeds_rpm, values, style, **look))
+        look |= {"zorder": 2.0 - 0.1 * (k // len(COLOURS))}  # thick lines below thin ones
+        own = [j for j, wave in enumerate(found.waves) if wave.diameter == h]
+        for j in sorted(own, key=lambda j: -found.waves[j].direction):  # the legend shows the first
+            style = "--" if found.waves[j].direction < 0 else "-"
+            items.append(Line(found.speeds_rpm, found.frequencies_hz[:, j], style, **look))
+    if any(wave.direction < 0 for wave in found.waves):
+        items.append(Line(linestyle="--", color="#5F6368", label="against the rotation"))
     items += critical_marks(found)
     ends: Any = {"xlim": (0.0, right), "ylim": (0.0, top)}
     return Plot([Panel(items, "speed, rpm", "frequency, Hz", **ends)], 9.0, 5.8)
