@@ -204,8 +204,8 @@ class Collector:
         solid = max((block.shape.dimension for block in mesh.blocks), default=0)
         cells = [block for block in mesh.blocks if block.shape.dimension == solid]
         used = {int(node) for block in cells for node in np.unique(block.nodes)}
-        groups = dict(mesh.node_groups)
-        supports = self._supports(mesh.points, cells, used, groups)
+        groups = _beside_facets(mesh, solid)
+        supports = self._supports(mesh, cells, used, groups)
         materials = self._materials(mesh, solid)
 
         def place(node: int) -> tuple[float, ...]:
@@ -251,7 +251,7 @@ class Collector:
         return found
 
     def _supports(
-        self, points: Floats, cells: list[Block], used: set[int], groups: dict[str, Ints]
+        self, mesh: MeshFile, cells: list[Block], used: set[int], groups: dict[str, Ints]
     ) -> list[DeckSupport]:
         """The supports of the solid, whose groups are added to the groups of nodes.
 
@@ -264,6 +264,7 @@ class Collector:
                 self.hold(name, own, set(components))
         self._leave_couplings()
         found: list[DeckSupport] = []
+        points, taken = mesh.points, {name for block in mesh.blocks for name in block.groups}
         axes = set(range(cells[0].shape.dimension)) if cells else set()
         for name, (nodes, components) in self.held.items():
             held = tuple(sorted(components & axes))
@@ -283,7 +284,8 @@ class Collector:
             if held and (kept := [node for node in own if node not in alone]):
                 same = [group for group, of in groups.items() if np.array_equal(np.sort(of), kept)]
                 if not same:
-                    same = [name if name not in groups else f"{name} {axes_of(components)}"]
+                    is_free = name not in groups and name not in taken
+                    same = [name if is_free else f"{name} {axes_of(components)}"]
                     groups[same[0]] = np.array(kept)
                 found.append((name if name in same else same[0], held))
         return found
@@ -320,8 +322,11 @@ class Collector:
         """The facets under pressure, as blocks with a group for each pressure, and the loads."""
         blocks: list[Block] = []
         loads: list[DeckLoad] = []
+        if len(self.pressures) > MOST_TABLES:
+            self.leave(f"pressures of {len(self.pressures)} sizes on faces of elements")
+            return blocks, loads
         for value, facets in self.pressures.items():
-            name = f"pressure {value:g}"
+            name = f"pressure {value!r}".removesuffix(".0")
             marked = [np.ones(len(block.nodes), dtype=bool) for block in facets]
             pairs = zip(facets, marked, strict=True)
             blocks += [replace(block, groups={name: marks}) for block, marks in pairs]
@@ -373,6 +378,23 @@ class Collector:
             if mark.any():
                 block.groups[new] = mark
         return new
+
+
+def _beside_facets(mesh: MeshFile, solid: int) -> dict[str, Ints]:
+    """The groups of nodes, with other names beside facets of one name that lie elsewhere.
+
+    A place of a scene takes the facets of a name.
+    """
+    sides: dict[str, set[int]] = defaultdict(set)
+    for block in mesh.blocks if solid > 1 else ():
+        if block.shape.dimension == solid - 1:
+            for name, marks in block.groups.items():
+                sides[name].update(block.nodes[marks].ravel().tolist())
+    found = {}
+    for name, nodes in mesh.node_groups.items():
+        is_elsewhere = name in sides and sides[name] != set(nodes.tolist())
+        found[f"{name} (nodes)" if is_elsewhere else name] = nodes
+    return found
 
 
 def _alone(cells: list[Block], nodes: Ints) -> set[int]:

@@ -433,6 +433,29 @@ def test_pressures_on_faces_of_elements_are_loads_on_groups(tmp_path: Path) -> N
         assert np.sort(facets.nodes).tolist() == [[4, 5, 6, 7]], "the face z = 1"
 
 
+def test_each_pressure_has_its_own_group(tmp_path: Path) -> None:
+    """Pressures that agree in six digits are two loads; a field of pressures is named."""
+    found = bar(tmp_path / "a.inp", "*DLOAD\n1, P1, 101325.1\n2, P1, 101325.2\n", number=2)
+    groups = {"pressure 101325.1", "pressure 101325.2"}
+    assert {load.group for load in found.loads} == groups and not found.not_taken
+    assert {g for b in formats.read(tmp_path / "a.inp").blocks for g in b.groups} == {"E"} | groups
+    field = "".join(f"{k % 16 + 1}, P{k // 16 + 1}, {k}.5\n" for k in range(21))
+    found = bar(tmp_path / "a.inp", f"*DLOAD\n{field}")
+    assert not found.loads and ["21 sizes" in what for what in found.not_taken] == [True]
+
+
+@pytest.mark.parametrize("own", ["1, 4, 5, 8", "2, 3, 6, 7", "2, 3, 6, 7, 8"])
+def test_support_of_a_node_set_with_the_name_of_a_surface_elsewhere(
+    own: str, tmp_path: Path
+) -> None:
+    """The surface is the face x = 1; a place of a scene takes its facets, not the node set."""
+    text = ABAQUS.replace("NSET=FIX\n1, 4, 5, 8", f"NSET=FIX\n{own}").replace("\n2, 3\n", "\n")
+    found, groups = physics(tmp_path / "a.inp", f"*SURFACE, NAME=FIX\n1, S4\n{text}")
+    name = "FIX" if own == "2, 3, 6, 7" else "FIX (nodes)"
+    assert found.supports == ((name, (0, 1, 2)),)
+    assert groups == {name: [int(n) - 1 for n in own.split(", ")]}
+
+
 TETRA, WEDGE = "CTETRA,1,3,1,2,4,5", "CPENTA,1,3,1,2,4,5,6,8"
 
 
