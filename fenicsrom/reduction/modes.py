@@ -273,10 +273,14 @@ def missing_modes(scene: Scene, frequencies: Array) -> Note | None:
 
 
 PAIR_TOLERANCE = 5e-3
-"""Two modes are in one group if the relative distance of their frequencies is smaller.
+"""Two modes are a pair if the relative distance of their frequencies is smaller.
 
 A mesh of tetrahedra splits an exact pair of a symmetric section.
 """
+
+EQUAL = 1e-7
+"""Of three and more close modes, such as those of the blades of a disk, only modes whose relative
+distance is smaller share a frequency."""
 
 FACING_TOLERANCE = 1e-6
 """Smaller works of a mode on a direction, relative to the largest work, count as zero."""
@@ -498,14 +502,24 @@ def close_frequency_groups(omega: Array, tolerance: float) -> list[slice]:
     return [slice(begin, end) for begin, end in pairwise(ends)]
 
 
+def _equal_groups(omega: Array) -> list[slice]:
+    """Groups of frequencies (k,) that are equal, or would be on a symmetric mesh: close pairs."""
+    groups: list[slice] = []
+    for near in close_frequency_groups(omega, PAIR_TOLERANCE):
+        pair = near.stop - near.start <= 2
+        equal = close_frequency_groups(omega[near], PAIR_TOLERANCE if pair else EQUAL)
+        groups += [slice(near.start + group.start, near.start + group.stop) for group in equal]
+    return groups
+
+
 def align_modes(structure: Structure, omega_squared: Array, modes: Array) -> Array:
     """Align modes of equal frequency with the loads and contacts, and fix the sign of each mode.
 
     A symmetric section has pairs of modes that an eigensolver returns at an arbitrary angle. The
     directions are the loads, then the contact coordinates, the probe and the translations. In each
-    group of frequencies closer than `PAIR_TOLERANCE`, the first mode does all the work on the first
-    direction, the second mode all the remaining work on the next direction, and so on. Every mode
-    does positive work on the first direction on which it does work.
+    group of `_equal_groups`, the first mode does all the work on the first direction, the second
+    mode all the remaining work on the next direction, and so on. Every mode does positive work on
+    the first direction on which it does work.
 
     Args:
         structure: the structure.
@@ -529,7 +543,7 @@ def align_modes(structure: Structure, omega_squared: Array, modes: Array) -> Arr
     largest = np.max(np.abs(work), axis=0)
     works = np.abs(work) > FACING_TOLERANCE * largest
     aligned = modes.copy()
-    for group in close_frequency_groups(np.sqrt(np.abs(omega_squared)), PAIR_TOLERANCE):
+    for group in _equal_groups(np.sqrt(np.abs(omega_squared))):
         size = group.stop - group.start
         if size > 1:
             useful = np.flatnonzero(np.any(works[group], axis=0))

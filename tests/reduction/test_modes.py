@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from support import STOCKY, beam_scene, dense, free_unknowns, make_solid, refusal
 
 pytest.importorskip("dolfinx")
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.reduction.modes import PAIR_TOLERANCE, component_modes, contact_frequencies
+from fenicsrom.reduction.modes import (
+    PAIR_TOLERANCE,
+    align_modes,
+    component_modes,
+    contact_frequencies,
+)
 from fenicsrom.scene import Basis
 
 Array = NDArray[np.float64]
@@ -175,6 +182,23 @@ def test_mode_pair_cut_by_number_of_modes_aligns_with_load(beam3d: Any) -> None:
     np.testing.assert_allclose(one[:, 0], two[:, 0], atol=1e-6 * np.abs(one).max())
     twist = beam3d.load_vectors[:, 0] @ two
     assert abs(twist[1]) < 1e-6 * twist[0]
+
+
+def test_close_modes_of_blades_keep_their_frequencies() -> None:
+    """Three blades, all loaded: two of equal frequency, and one 0.2 % stiffer that stays alone."""
+    none = np.zeros((0, 3))
+    structure: Any = SimpleNamespace(
+        inner=lambda a, b: a.T @ b,
+        mass_inner=lambda a, b: a.T @ b,
+        load_vectors=np.ones((3, 1)),
+        contact_rows=csr_array(none),
+        probe_rows=none,
+        translations=lambda: none.T,
+    )
+    aligned = align_modes(structure, np.array([1.0, 1.0, 1.004]), np.eye(3))
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(np.abs(aligned[:, 2]), [0, 0, 1], atol=1e-15)
+    np.testing.assert_allclose(aligned[:, 0], [half, half, 0], atol=1e-15)
 
 
 @pytest.mark.parametrize("method", METHODS)
