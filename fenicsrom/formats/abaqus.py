@@ -222,6 +222,8 @@ def _surface(part: abaqus_sets.Part, keyword: abaqus_sets.Keyword) -> bool:
     if kind.upper() == "NODE":
         for row in rows:
             items = tuple(int(word) if word.isdigit() else word for word in row[:1])
+            if name.upper() in (str(item).upper() for item in items):
+                continue  # the node set of this name
             abaqus_sets.add_to_set(part.node_sets, name, abaqus_sets.Entry("", items))
         return True
     whole = kind.upper() == "ELEMENT"

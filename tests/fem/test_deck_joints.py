@@ -84,6 +84,8 @@ def deck(folder: Path, joints: str, step: str = STEP) -> tuple[Path, MeshFile]:
     ("joints", "expected"),
     [
         ("*TIE, NAME=T, POSITION TOLERANCE=0.1\nNodes, First\n", {"tied": True, "reach": 0.1}),
+        ("*SURFACE, TYPE=NODE, NAME=NODES\nnodes, 1.\n*TIE, NAME=T\nNodes, First\n",
+         {"tied": True}),
         ("*CONTACT PAIR, TIED\nSecond, First\n", {"tied": True}),
         (PAIR, {"friction": 0.2, "normal": 1e5, "tangential": 5e4}),
         (PAIR.replace("LINEAR", "TIED"), {"tied": True, "friction": 0.2, "normal": 1e5,
