@@ -352,7 +352,8 @@ def setup_figure(
     widths = [1.0]
     reach = [part.mesh.points for part in around]
     if any(np.any((seen < low) | (seen > high)) for seen in map(view.project, reach)):
-        far = replace(view, length=float(np.ptp(np.concatenate(reach), axis=0).max()))
+        every = np.concatenate([surface.points, *reach])
+        far = replace(view, length=float(np.ptp(every, axis=0).max()))
         whole = frame_of(far, [*places, *reach])
         overview = image_of([painted(surface), *around], whole, OVERVIEW * wide)
         panels.append(body_panel([overview]))
