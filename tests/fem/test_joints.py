@@ -14,7 +14,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 import fenicsrom as fr
-from tests.fem.test_pairs import blocks, hertz, lap, solid
+from tests.fem.test_pairs import BOLT, blocks, hertz, lap, solid, struck
 
 pytestmark = pytest.mark.slow
 
@@ -229,3 +229,17 @@ def test_pressed_cylinders_dissipate_as_cattaneo_and_mindlin_say(tmp_path: Path)
     expected = 4.0 * limit**2 / (np.pi * effective) * shape
     assert phi == pytest.approx(0.4, abs=0.01)
     assert spent[-1] - spent[0] == pytest.approx(expected, rel=0.06)
+
+
+def test_small_load_beside_large_bolt_forces_keeps_the_energy_balance() -> None:
+    """2 N beside bolts of 100 kN: the response to the whole contact force cancelled the digits."""
+    scene = struck(
+        2.0,
+        bolts=[BOLT | {"head": "head1", "nut": "nut1", "force": 1e5}, BOLT | {"force": 1e5}],
+        loads=[{"group": "tip", "direction": [0, 1], "force": 2.0, "frequency": 5.0}],
+        basis={"masters": "all"},
+        time={"periods": 1, "steps_per_period": 100, "steady": "march"},
+    )
+    motion = fr.build_model(scene, comm=MPI.COMM_SELF).simulate()
+    assert motion.contact_energy[0] > 1e3 * motion.kinetic.max() > 0.0
+    assert motion.relative_imbalance < 1e-6

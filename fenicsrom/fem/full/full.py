@@ -258,6 +258,10 @@ class FullModel:
         """Changes of the contact displacement (m, k) by changes (local, k) of q."""
         return np.asarray(self._solid.comm.allreduce(self._rows @ block))
 
+    def add_contact_force(self, out: Array, force: Array) -> None:
+        """Add the contact forces (P, d) to forces out (local,), N."""
+        out += self._rows.T @ force.ravel()
+
     def elastic_by_start(self, q0: Array, dq: Array, scheme: Scheme, block: Array) -> Array:
         """Derivative of the mean elastic force of a step by its start q0, times a block."""
         points = [(scheme.start_weight, 0.0), *zip(scheme.weights, scheme.points, strict=True)]

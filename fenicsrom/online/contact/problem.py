@@ -1,10 +1,13 @@
 """The contact problem of a time step: semismooth Newton, then nonlinear Gauss-Seidel.
 
 The unknowns are the contact displacements x at the end of the step. With the contact displacement
-x_free without contact forces, the mean contact force F(x) over the step and the Delassus operator
-G (contact displacement by contact force),
+x_free under known contact forces F0, the mean contact force F(x) over the step and the Delassus
+operator G (contact displacement by contact force),
 
-    x + G F(x) = x_free.                                                                        (1)
+    x + G (F(x) - F0) = x_free.                                                                 (1)
+
+A time step takes the forces at its start as F0: the response of a piece that contact alone holds to
+the whole force would be so large that the digits of x cancelled.
 
 Equation (1) is one Newton iteration of the step, condensed to the contact displacements. In it,
 everything except the contact is linear, so the contact is solved in full. It is solved for the c
@@ -129,16 +132,15 @@ def form_delassus(rows: Array, compliance: Compliance, directions: NDArray[np.in
 
 @kernel
 def add_response(
-    compliance: Compliance, candidates: NDArray[np.int64], count: int, scratch: ContactScratch
+    compliance: Compliance, candidates: NDArray[np.int64], scratch: ContactScratch
 ) -> None:
-    """Add G F to the residual of the candidates, from the forces at `count` touching points."""
+    """Add G times the `force_change` of the candidates to their residual."""
     rows, unit, z, d = (compliance.rows, compliance.unit, compliance.change, len(scratch.space))
     for a in range(rows.shape[1]):
         z[a, 0] = 0.0
-        for t in range(count):
-            place = scratch.touching[t]
+        for place in range(candidates.size):
             for j in range(d):
-                z[a, 0] += unit[a, place * d + j] * scratch.mean_force[candidates[place], j]
+                z[a, 0] += unit[a, place * d + j] * scratch.force_change[candidates[place], j]
     for p in candidates:
         for k in range(d):
             for a in range(rows.shape[1]):
@@ -193,26 +195,28 @@ def _write_residual(
     candidates: NDArray[np.int64],
     compliance: Compliance,
     free: Array,
-    count: int,
 ) -> float:
-    """Write the residual of (1), with `count` touching points; returns the largest displacement."""
+    """Write the residual of (1) and the `force_change`; returns the largest displacement."""
     start, end, scratch = step.start, step.end, step.scratch
-    touching, mean, d = scratch.touching, scratch.mean_force, len(scratch.space)
+    change, d = scratch.force_change, len(scratch.space)
+    for p in candidates:
+        for k in range(d):
+            change[p, k] = scratch.mean_force[p, k] - scratch.known_force[p, k]
     formed, delassus = is_formed(compliance, candidates.size * d), compliance.delassus
     scale, row = 0.0, 0
     for p in candidates:
         for k in range(d):
             value = end.x[p, k] - free[p, k]
             if formed:
-                for t in range(count):
-                    column, q = touching[t] * d, candidates[touching[t]]
+                for other in range(candidates.size):
+                    q = candidates[other]
                     for j in range(d):
-                        value += delassus[row, column + j] * mean[q, j]
+                        value += delassus[row, other * d + j] * change[q, j]
             scratch.residual[p, k] = value
             scale = max(scale, abs(end.x[p, k]), abs(free[p, k]), abs(start.x[p, k]))
             row += 1
     if not formed:
-        add_response(compliance, candidates, count, scratch)
+        add_response(compliance, candidates, scratch)
     return scale
 
 
@@ -311,7 +315,7 @@ def semismooth_newton(
             if contact_force(step, candidates[place]):
                 scratch.touching[count] = place
                 count += 1
-        scale = _write_residual(step, candidates, compliance, free, count)
+        scale = _write_residual(step, candidates, compliance, free)
         worst = _largest_entry(candidates, scratch)
         if worst <= ROUNDING * scale:
             return True
@@ -487,9 +491,10 @@ def solve_point(
     d, p = len(scratch.space), candidates[place]
     row, x, rest, trace = place * d, vector(step.end.x[p]), vector(free[p]), 0.0
     for other in range(candidates.size):
+        held = times(-1.0, vector(scratch.known_force[candidates[other]]))
         if other != place:
-            held = vector(scratch.held_force[candidates[other]])
-            rest = minus(rest, block_times(delassus, row, other * d, d, held))
+            held = plus(held, vector(scratch.held_force[candidates[other]]))
+        rest = minus(rest, block_times(delassus, row, other * d, d, held))
     for k in range(d):
         trace += delassus[row + k, row + k]
     first, time, a = x, interval.end, interval.start_weight

@@ -36,6 +36,7 @@ class ContactScratch(NamedTuple):
     """Scratch arrays and results of the contact problem of one step.
 
     Attributes:
+        known_force: (P, d) the contact forces that act on the body in x_free, N; by default none.
         mean_force: (P, d) mean contact force over the step, N.
         mean_friction: (P, d) the friction part of the mean force, N.
         mean_normal_force: (P,) the size of the normal part of the mean force, N.
@@ -48,7 +49,7 @@ class ContactScratch(NamedTuple):
         held_force: (P, d) forces of the Gauss-Seidel iteration, N.
         held_friction: (P, d) the friction part of the held forces, N.
         residual: (P, d) residual of the contact problem; then the update, m.
-        force_change: (P, d) change of the mean force by the update, N.
+        force_change: (P, d) the mean force less the known one, or its change by the update, N.
         is_candidate: (P,) whether the step solves for a point.
         candidates: (P,) the points that the step solves for come first; by default all.
         directions: (m,) the rows of the candidates among the contact displacements, m = P d.
@@ -59,6 +60,7 @@ class ContactScratch(NamedTuple):
         space: d zeros; the compiler knows the length of a tuple and unrolls loops over it.
     """
 
+    known_force: Annotated[Array, "P d"]
     mean_force: Annotated[Array, "P d"]
     mean_friction: Annotated[Array, "P d"]
     mean_normal_force: Annotated[Array, "P"]

@@ -311,6 +311,10 @@ class DenseModel:
         """Change of the contact displacement (m,) by dq (n,)."""
         return np.asarray(self._rows @ dq)
 
+    def add_contact_force(self, out: Array, force: Array) -> None:
+        """Add the contact forces (P, d) on the coordinates to out (n,), N."""
+        out += self._rows.T @ force.ravel()
+
     def probe_displacement(self, q: Array) -> Array:
         """Displacement (d,) of the probe."""
         return self.probe_offset + self.probe @ q

@@ -13,6 +13,7 @@ from fenicsrom.online.contact.problem import Compliance, compliance_of, form_del
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.kernels.compilation import compile_methods, kernel
 from fenicsrom.online.kernels.dense import (
+    add_combined_rows,
     add_times,
     inner,
     lu_factor,
@@ -413,6 +414,10 @@ class ReducedModel(NamedTuple):
         add_times(work.contact, self.contact_rows, work.contact_columns, dq, work.contact)
         return work.contact
 
+    def add_contact_force(self, out: Array, force: Array) -> None:
+        """Add the contact forces (P, d) on the coordinates to out (n,), N."""
+        add_combined_rows(force.reshape(1, -1), self.contact_rows, out.reshape(1, -1))
+
     def probe_displacement(self, q: Array) -> Array:
         """Displacement (d,) of the probe at q, m."""
         moved = np.empty(self.probe.shape[0])
@@ -527,7 +532,8 @@ def _tidy(values: Any, integers: str = "") -> Any:
 
 OPERATIONS = (
     *("set_interval", "pressure_work", "elastic_over_step", "elastic_at", "solve_effective"),
-    *("write_normal_flexibility", "contact_displacement", "contact_change", "probe_displacement"),
+    *("write_normal_flexibility", "contact_displacement", "contact_change", "add_contact_force"),
+    "probe_displacement",
     *("mass_times", "velocity_times", "dot", "load", "write_momentum"),
 )
 """The methods that compiled code calls."""

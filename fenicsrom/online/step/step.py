@@ -142,9 +142,26 @@ def write_residual(model, scheme, state, coefficients, elastic):  # type: ignore
         combine(trial.residual, 1.0, trial.residual, 1.0, model.velocity_times(trial.vector))
 
 
+@kernel
+def write_known_force(scratch, contact):  # type: ignore[no-untyped-def]
+    """Take the contact forces at the start of a step as known."""
+    for p in range(contact.x.shape[0]):
+        for k in range(contact.x.shape[1]):
+            scratch.known_force[p, k] = contact.normal[p, k] + contact.friction[p, k]
+
+
+@kernel
+def write_force_change(scratch, candidates):  # type: ignore[no-untyped-def]
+    """Write the mean forces of the candidates less the known ones; they are known from now on."""
+    for p in candidates:
+        for k in range(scratch.mean_force.shape[1]):
+            scratch.force_change[p, k] = scratch.mean_force[p, k] - scratch.known_force[p, k]
+            scratch.known_force[p, k] = scratch.mean_force[p, k]
+
+
 @part
 def contact_work(force, moved, candidates):  # type: ignore[no-untyped-def]
-    """Work of the mean forces (P, d) of the candidates on displacements (P d,), J."""
+    """Work of forces (P, d) of the candidates on displacements (P d,), J."""
     d, work = force.shape[1], 0.0
     for p in candidates:
         for k in range(d):
@@ -227,6 +244,10 @@ def guess_step(model, state, h):  # type: ignore[no-untyped-def]
 def iterate(model, scheme, state, step, coefficients, count):  # type: ignore[no-untyped-def]
     """Newton's method for a step from its first guess, with so many contact candidates.
 
+    The body is solved with known contact forces, first those at the start of the step, and for
+    their change: the response to a whole force of a piece that contact alone holds would cancel
+    nearly all digits.
+
     Returns:
         Whether it converged, and the number of iterations.
     """
@@ -234,11 +255,14 @@ def iterate(model, scheme, state, step, coefficients, count):  # type: ignore[no
     first, last = 0.0, 0.0
     candidates, directions = scratch.candidates[:count], scratch.directions[: count * d]
     tolerance = NEWTON_TOLERANCE if scheme.quadratic or count == 0 else CONTACT_TOLERANCE
+    write_known_force(scratch, state.contact)
     for iteration in range(1, NEWTON_ITERATIONS + 1):
         elastic, tangent = model.elastic_over_step(
             state.elastic_force, q0, trial.dq, scheme.start_weight, scheme.points, scheme.weights
         )
         write_residual(model, scheme, state, coefficients, elastic)
+        if count > 0:
+            model.add_contact_force(trial.residual, scratch.known_force)
         y, unit, compliance = model.solve_effective(
             coefficients.mass, coefficients.velocity_dq, tangent, trial.residual, directions
         )
@@ -247,12 +271,13 @@ def iterate(model, scheme, state, step, coefficients, count):  # type: ignore[no
             copy_to_points(trial.free_displacement, model.contact_displacement(trial.vector))
             if not solve_contact(step, candidates, compliance, trial.free_displacement):
                 return False, iteration
-        subtract_contact(trial.change, y, unit, candidates, scratch.mean_force)
+        write_force_change(scratch, candidates)
+        subtract_contact(trial.change, y, unit, candidates, scratch.force_change)
         combine(trial.dq, 1.0, trial.dq, 1.0, trial.change)
         decrement = model.dot(trial.residual, trial.change)
         if count > 0:  # of the change itself: bolts leave large rounding errors in x
             moved = model.contact_change(trial.change)
-            decrement += contact_work(scratch.mean_force, moved, candidates)
+            decrement += contact_work(scratch.force_change, moved, candidates)
         decrement = abs(decrement)
         if not np.isfinite(decrement):
             return False, iteration
