@@ -14,8 +14,10 @@ from support import assert_tangent
 from test_pairs import COARSE, PAIR, bars, blocks, forces, lap, scene_of, solid, stacked
 
 import fenicsrom as fr
+from fenicsrom.assess.curves import equilibrium_path
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError
+from fenicsrom.notes import STABILITY, NoteKind, has_kind, verdict_of
 from fenicsrom.online.contact.state import OPEN, SLIP, STICK
 from fenicsrom.scene import Load, Scene, Statics, toml_text
 
@@ -54,6 +56,19 @@ def test_bars_that_a_growing_force_pulls_slip_as_the_closed_form_says(
     assert last.probe[0] == pytest.approx(moved, rel=4e-3)
     assert 4.0 * last.dissipated == pytest.approx(loss, rel=1e-2)
     assert 30 <= last.slipping < last.closed == 41
+    (note,) = [note for note in found.warnings if note.quantity == STABILITY]
+    assert note.kind is NoteKind.REMARK  # no negative pivots, and half the steps agree
+    assert verdict_of(found.warnings, quantities=[STABILITY]).kind == "trusted"
+
+
+def test_stability_with_friction_that_half_the_steps_change_is_in_doubt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(equilibrium_path, "HALVED", 1e-9)
+    pull = Load.of(group="1 high x", direction=[1.0, 0.0], force=594.0)
+    scene = replace(bars(tmp_path / "bars.vtu", True), loads=(pull,), geometrically_nonlinear=True)
+    found = fr.statics(scene, MPI.COMM_SELF)
+    assert has_kind([n for n in found.warnings if n.quantity == STABILITY], NoteKind.WARNING)
 
 
 def test_path_without_friction_ends_in_the_equilibrium_under_the_load() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
 SYMMETRIC = 1e-6  # a smaller part of the tangent that is not symmetric is rounding
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
+HALVED = (
+    0.01  # change by half the steps from which the stability of a path with friction is doubted
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,16 +186,18 @@ def equilibrium_path(
         found.warnings.append(Note(NoteKind.REMARK, text))
     lowest = -table.last if table.lowest is None else table.lowest
     try:
+        constant = body.pressures.static.copy()
         follower = PathFollower(body, sizes, lowest, table.last)
         _follow(follower, body, found, visit)
         if follower.equations.asymmetry > SYMMETRIC:
             text = "the follower pressures have no potential: the tangent stiffness is not "
             text += "symmetric, and the negative pivots, which tell stable from unstable "
             text += "equilibria, are those of its symmetric part"
+            note = Note(NoteKind.WARNING, text, quantity=STABILITY)
             if scene.joined:
-                text = "contact points slip: the negative pivots, which tell stable from unstable "
-                text += "equilibria, are those with the friction forces held constant"
-            found.warnings.append(Note(NoteKind.WARNING, text, quantity=STABILITY))
+                body.pressures.static = constant
+                note = _friction_note(found, partial(PathFollower, body, sizes, lowest, table.last))
+            found.warnings.append(note)
     except Exception as error:
         if comm.size > 1 and not isinstance(error, ConvergenceError):
             raise  # the other ranks would wait for this one
@@ -220,6 +226,44 @@ def equilibrium_path(
         found.warnings += turns(body, scene, np.column_stack([*found.shapes.values()]))
     found.seconds = working_time() - begin
     return found
+
+
+def _friction_note(found: EquilibriumPath, again: Callable[[], PathFollower]) -> Note:
+    """Judge the stability on a path on which points slip, by the pivots and by half the steps.
+
+    Args:
+        found: the path.
+        again: begins the path again.
+    """
+    text = "contact points slip: the negative pivots, which tell stable from unstable equilibria, "
+    text += "are those with the friction forces held constant"
+    unstable = any(point.negative_pivots for point in found.points)
+    if unstable or found.reason != "end of the range":
+        return Note(NoteKind.WARNING, text, quantity=STABILITY)
+    log.info("path with half the steps ..")
+    finer, last, body = again(), found.points[-1], found.body
+    finer.longest *= 0.5
+    assert body is not None and finer.equations.contact is not None
+    try:
+        for point in finer.points():
+            unstable = unstable or point.negative > 0
+            if body.comm.bcast(is_stopped()):
+                raise KeyboardInterrupt
+    except ConvergenceError as error:
+        text = f"{text}; the path with half the steps is lost: {error}"
+        return Note(NoteKind.WARNING, text, quantity=STABILITY)
+    probe = body.comm.allreduce(body.probe_rows @ point.displacement)
+    moved = float(np.linalg.norm(probe - last.probe) / np.linalg.norm(last.probe))
+    spent = finer.equations.contact.dissipated
+    rubbed = abs(spent / last.dissipated - 1.0) if last.dissipated > 0.0 else 0.0
+    text += (
+        f"; there are none, and half the steps change the last displacement by {100.0 * moved:.2g} "
+        f"% and the friction by {100.0 * rubbed:.2g} %"
+    )
+    if max(moved, rubbed) <= HALVED and not unstable:
+        return Note(NoteKind.REMARK, text, quantity=STABILITY)
+    text += f" (at most {100.0 * HALVED:g} % casts no doubt)"
+    return Note(NoteKind.WARNING, text, quantity=STABILITY)
 
 
 def _body(scene: Scene, varied: list[int], comm: Any) -> Solid:

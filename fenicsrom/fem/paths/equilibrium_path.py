@@ -254,10 +254,11 @@ class PathFollower:
 
     Attributes:
         reason: why the path ended: "end of the range" or `SLIDING`; "" before.
+        longest: the longest step along the path, with the lengths (2).
         equations: the equations (1).
     """
 
-    reason = ""
+    reason, longest = "", LARGEST_STEP
 
     def __init__(self, body: Solid, sizes: Array, lowest: float, last: float):
         """Start from the equilibrium of the body, at the load factor zero.
@@ -311,7 +312,7 @@ class PathFollower:
             yield found
             away = self._length(found.y - guess) / step
             step *= float(np.clip((AIM / max(away, 1e-12)) ** (1.0 / 3.0), 0.5, 2.0))
-            step = min(step, LARGEST_STEP)
+            step = min(step, self.longest)
             first, before, here = False, None if _has_kink(here, found) else here, found
 
     # ------------------------------------------------------------------ lengths
