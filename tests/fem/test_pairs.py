@@ -614,6 +614,34 @@ def test_scenes_of_curves_hold_their_largest_load_and_smallest_friction() -> Non
     assert sorted(pairs) == [(10.0, 0.15), (10.0, 0.4), (90.0, 0.15), (90.0, 0.4)]
 
 
+@pytest.mark.parametrize("held", [False, True])
+def test_bolt_whose_faces_are_not_square_to_it_is_named(held: bool) -> None:
+    bolts = [BOLT | {"head": "head1", "nut": "nut1"}, BOLT | {"head": "head1"}]  # 50 by 20 mm
+    supports = [{"group": "root"}, *([{"group": "tip", "components": ["x"]}] if held else [])]
+    scene = lap(bolts=bolts, supports=supports, geometry=COARSE, geometrically_nonlinear=False)
+    if held:
+        body = solid(scene)
+        tilted = [note for note in body.warnings if "tilted" in note]
+        assert [note.key for note in tilted] == ["bolts[1].head", "bolts[1].nut"]
+        assert f"{np.degrees(np.arctan2(*np.abs(body.bolts.line[1]))):.0f}°" in tilted[0]
+    else:
+        with pytest.raises(
+            ConvergenceError, match=r"only friction holds.*bolts\[1\].head = 'head1'"
+        ):
+            solid(scene)
+
+
+def test_nodes_at_the_same_place_do_not_turn() -> None:
+    x = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    space = SimpleNamespace(tabulate_dof_coordinates=lambda: x)
+    sides = {0: (np.arange(4), np.arange(0))}
+    body = SimpleNamespace(dimension=2, comm=MPI.COMM_SELF, space=space, sides=sides)
+    moved = np.array([0.0, 0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.1])  # the last node: 0.1 rad
+    for field, count in ((0.0 * moved, 0), (moved, 1)):
+        notes = [*turns(cast(Solid, body), lap(), field[:, None])]
+        assert len(notes) == count and all("nan" not in note for note in notes)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -326,6 +326,7 @@ def turns(solid: Solid, scene: Scene, fields: Array) -> Iterator[Note]:
             continue
         line, change = x[near] - x[:, None], u[near] - u[:, None]
         length = np.linalg.norm(line, axis=2)[..., None]
+        length[length == 0.0] = np.inf  # nodes at the same place have no line
         along = np.einsum("nmd,nmdk->nmk", line / length, change)
         across = change - (line / length)[..., None] * along[:, :, None]
         if (turn := float(np.max(np.linalg.norm(across, axis=2) / length))) > TURNED:

@@ -20,13 +20,18 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, refuse
+from fenicsrom.fem.body.loads import pressure_vector
 from fenicsrom.fem.body.places import Places
 from fenicsrom.fem.body.supports import node_pieces
 from fenicsrom.fem.mesh.picking import ROUNDING
-from fenicsrom.notes import implausible
+from fenicsrom.notes import Note, NoteKind, implausible
 from fenicsrom.online.model.bolts import Bolts
 from fenicsrom.scene import Attachment, Bolt, Place
 from fenicsrom.scene.keys.places import AXES
+
+TILTED = 10.0
+"""Angle between a bolt and the normal of its head or nut, degrees, from which the user is warned:
+its sine is then about a usual coefficient of friction."""
 
 
 def attach(
@@ -111,6 +116,8 @@ def set_bolts(body: Any, places: Places, bolts: Sequence[Bolt]) -> None:
             reason = "head and nut have the same centre, so the bolt has no direction"
             raise refuse(body.source, reason, ErrorKind.PLACE, f"bolts[{k}].nut")
         axis = (line / length)[: body.dimension]
+        for end, inward in (("head", axis), ("nut", -axis)):
+            _note_tilt(body, getattr(bolt, end), inward, f"bolts[{k}].{end}")
         body.tension -= bolt.force * (axis @ apart)
         if body.geometrically_nonlinear:
             across = bolt.force / length * (np.eye(body.dimension) - np.outer(axis, axis))
@@ -120,6 +127,27 @@ def set_bolts(body: Any, places: Places, bolts: Sequence[Bolt]) -> None:
     if bolts:
         body.bolts = Bolts(np.array(lines), np.array(rows))
         _note_one_body(body, bolts, body.bolts.apart)
+
+
+def _note_tilt(body: Any, group: str, inward: Array, key: str) -> None:
+    """Warn of a head or nut whose face is not square to the pull (d,) of its bolt. Collective."""
+    place = Place(group=group)
+    if not body.mesh.has_facets(place):
+        return
+    nodal = pressure_vector(body, place).reshape(-1, body.dimension)
+    pushed = body.comm.allreduce(nodal.sum(axis=0))
+    size = float(np.linalg.norm(pushed))
+    whole = body.comm.allreduce(float(np.linalg.norm(nodal, axis=1).sum()))
+    if size < 0.5 * whole:  # a thread or another face without a direction
+        return
+    angle = np.degrees(np.arccos(np.clip(pushed @ inward / size, -1.0, 1.0)))
+    if angle > TILTED:
+        text = (
+            f"the face of {key} = {group!r} is tilted by {angle:.0f}° to the line from head to "
+            "nut, along which the bolt pulls: a part of its force pushes the bodies along one "
+            "another; choose faces that are square to this line"
+        )
+        body.warnings.append(Note(NoteKind.WARNING, text, key))
 
 
 def _note_one_body(body: Any, bolts: Sequence[Bolt], apart: Array) -> None:

@@ -36,7 +36,7 @@ from fenicsrom.fem.base.linalg import multiply
 from fenicsrom.fem.body.elasticity import ElasticBody
 from fenicsrom.fem.body.places import Places
 from fenicsrom.online.model.loads import PressurePolynomial, no_pressure
-from fenicsrom.scene import Load
+from fenicsrom.scene import Load, Region
 from fenicsrom.scene.base.rules import Where
 
 LOAD_DEGREE = 6
@@ -76,14 +76,22 @@ def load_vector(body: ElasticBody, places: Places, load: Load, key: str) -> Arra
         spread = body.assembled(compiled_form(body.density * ufl.dot(direction, test) * body.dx))
         spread += body.point_masses * np.tile(load.direction, body.local // body.dimension)
         return -spread if load.moves_supports else spread
-    surface = body.mesh.surface(load.place).reconstruct(metadata={"quadrature_degree": LOAD_DEGREE})
-    thickness = body.thickness
     if load.kind == "traction":
-        direction = body.constant(load.direction)
-        return body.assembled(compiled_form(thickness * ufl.dot(direction, test) * surface))
+        return _surface_vector(body, load.place, body.constant(load.direction))
     check_on_boundary(body, load, key)
-    normal = ufl.FacetNormal(body.mesh.domain)
-    return body.assembled(compiled_form(-thickness * ufl.dot(normal, test) * surface))
+    return pressure_vector(body, load.place)
+
+
+def pressure_vector(body: ElasticBody, place: Region) -> Array:
+    """The load vector (local,) of a pressure of 1 Pa on facets, with the clamped unknowns."""
+    return -_surface_vector(body, place, ufl.FacetNormal(body.mesh.domain))
+
+
+def _surface_vector(body: ElasticBody, place: Region, traction: Any) -> Array:
+    """The load vector (local,) of a traction on facets, a UFL vector, Pa."""
+    surface = body.mesh.surface(place).reconstruct(metadata={"quadrature_degree": LOAD_DEGREE})
+    work = ufl.dot(traction, ufl.TestFunction(body.space))
+    return body.assembled(compiled_form(body.thickness * work * surface))
 
 
 def check_on_boundary(body: ElasticBody, load: Load, key: str) -> None:

@@ -225,7 +225,15 @@ class Solid(ElasticBody):
     def _bring_together(self) -> None:
         """Compute the equilibrium of bodies that touch; the factor and the load vectors follow."""
         self.joint = self._closed_joint()
-        self.equilibrium = bring_together(self, self.contacts, self._bends)
+        try:
+            self.equilibrium = bring_together(self, self.contacts, self._bends)
+        except ConvergenceError as error:
+            tilted = [note for note in self.warnings if note.key.startswith("bolts")]
+            if not tilted:
+                raise
+            raise ConvergenceError(
+                f"{error}; {tilted[0]}", error.partial, kind=error.kind
+            ) from None
         if not self._several_speeds:  # a model of several speeds finds its equilibrium again
             x = self.contact_displacement(self.equilibrium)
             require_planes(self.contacts, self.points, x, self.source)
