@@ -98,8 +98,8 @@ def sentences(found: DiskRun) -> list[str]:
         f"changes frequencies of waves with {counted(checked, 'nodal diameter')}, which have "
         f"{100.0 * shares[checked]:.2g} % of the motion, by {100.0 * error:.2g} %.",
         f"The largest amplitude of a probe along {'xyz'[found.direction]} of its sector is "
-        f"{1e3 * peaks[j]:.5g} mm, in sector {j}; {100.0 * shares[h]:.3g} % of the motion is in "
-        f"waves with {counted(h, 'nodal diameter')}.",
+        f"{1e3 * peaks[j]:.5g} mm, in sector {j}, the smallest {1e3 * peaks.min():.5g} mm; "
+        f"{100.0 * shares[h]:.3g} % of the motion is in waves with {counted(h, 'nodal diameter')}.",
     ]
     if found.amplification is not None:
         lines.append(
