@@ -39,10 +39,9 @@ def _balance_problems(scene: Scene, response: Response) -> Problems:
         allowed = 'only allowed with response.method = "shooting"'
         if scene.cyclic is not None:
             allowed = (
-                "not allowed with [cyclic]: the stiffness is that of rotation.speed_rpm; set it to "
-            )
-            allowed += (
-                "a critical speed (fenicsrom campbell), and follow a range of frequency about it"
+                "not allowed with [cyclic], whose stiffness is that of one speed: follow a range of "
+                "frequency at a critical speed (fenicsrom campbell) in rotation.speed_rpm, or run "
+                "fenicsrom sweep --over rotation.speed_rpm, which makes a disk at each speed"
             )
         yield Problem("response.parameter", allowed)
     if scene.cyclic is None:
