@@ -39,9 +39,9 @@ def _balance_problems(scene: Scene, response: Response) -> Problems:
         allowed = 'only allowed with response.method = "shooting"'
         if scene.cyclic is not None:
             allowed = (
-                "not allowed with [cyclic], whose stiffness is that of one speed: follow a range of "
-                "frequency at a critical speed (fenicsrom campbell) in rotation.speed_rpm, or run "
-                "fenicsrom sweep --over rotation.speed_rpm, which makes a disk at each speed"
+                "not allowed with [cyclic], whose stiffness is that of one speed: follow a range "
+                "of frequency at a critical speed (fenicsrom campbell) in rotation.speed_rpm, "
+                "or run fenicsrom sweep --over rotation.speed_rpm, which makes a disk at each speed"
             )
         yield Problem("response.parameter", allowed)
     if scene.cyclic is None:
