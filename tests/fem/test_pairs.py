@@ -631,6 +631,15 @@ def test_bolt_whose_faces_are_not_square_to_it_is_named(held: bool) -> None:
             solid(scene)
 
 
+def test_bolt_through_one_body_is_named_with_the_contacts_that_open(tmp_path: Path) -> None:
+    bolt = {"head": "1 low y", "nut": "1 high y", "force": 1e3}
+    pair = {"group": "1 low y", "against": "0 high y"}
+    held = [{"group": "0 low y"}]
+    more: dict[str, Any] = {"bolts": [bolt], "supports": held, "time": {"duration": 1, "step": 0.1}}
+    with pytest.raises(ConvergenceError, match=r"bolts\[0\].nut.*are on one body"):
+        solid(scene_of(stacked(tmp_path / "two.vtu", 2, 3, 4), 2, pair, **more))
+
+
 def test_nodes_at_the_same_place_do_not_turn() -> None:
     x = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     space = SimpleNamespace(tabulate_dof_coordinates=lambda: x)

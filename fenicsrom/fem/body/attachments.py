@@ -164,7 +164,8 @@ def _note_one_body(body: Any, bolts: Sequence[Bolt], apart: Array) -> None:
     for k, (bolt, held) in enumerate(zip(bolts, bodies, strict=False)):
         if len(held) == 1 and held not in of_contacts:
             text = f"bolts[{k}].head = {bolt.head!r} and bolts[{k}].nut = {bolt.nut!r} are on one "
-            body.warnings.append(implausible(f"{text}body: the bolt presses no contact"))
+            note = implausible(f"{text}body: the bolt presses no contact")
+            body.warnings.append(Note(note.kind, note, f"bolts[{k}].nut"))
 
 
 def _apart(places: Places, one: tuple[Place, str], other: tuple[Place, str]) -> tuple[Array, Array]:

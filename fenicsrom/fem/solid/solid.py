@@ -228,12 +228,11 @@ class Solid(ElasticBody):
         try:
             self.equilibrium = bring_together(self, self.contacts, self._bends)
         except ConvergenceError as error:
-            tilted = [note for note in self.warnings if note.key.startswith("bolts")]
-            if not tilted:
+            causes = [note for note in self.warnings if note.key.startswith("bolts")]
+            if not causes:
                 raise
-            raise ConvergenceError(
-                f"{error}; {tilted[0]}", error.partial, kind=error.kind
-            ) from None
+            text = f"{error}; {causes[0]}"
+            raise ConvergenceError(text, error.partial, kind=error.kind) from None
         if not self._several_speeds:  # a model of several speeds finds its equilibrium again
             x = self.contact_displacement(self.equilibrium)
             require_planes(self.contacts, self.points, x, self.source)
