@@ -439,6 +439,12 @@ def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
     np.testing.assert_allclose(squares, [5.0, 3.0, 3.0, 17.0], rtol=1e-14)
     np.testing.assert_allclose(mac, 1.0, rtol=1e-12)
     np.testing.assert_allclose(np.abs(np.sum(kept.conj() * shapes, axis=0)), 1.0, rtol=1e-12)
+    # frequencies that are nearly equal are not joined to a mean
+    near = np.array([3.0, 3.0001, 5.0, 17.0])
+    squares, _, _ = rotating_modes.follow(
+        body, np.array([1.0, 4.0, 9.0, 16.0]), shapes, near, vectors
+    )
+    np.testing.assert_allclose(np.sort(squares), near, rtol=1e-14)
     # and where they part again, as combinations of the two that met
     met, parted = np.array([1.0, 4.0, 4.0, 16.0]), shapes.copy()
     parted[:, 1:3] = shapes[:, 1:3] @ mix

@@ -299,12 +299,14 @@ def follow(
 
     Returns:
         omega^2 and shapes in the order of `shapes`, and the MAC of each pair (m,): with two modes
-        that the Coriolis force has joined to a whirl, that with both (`_joint`).
+        that the Coriolis force has joined to a whirl, that with both (`_joint`). Shapes of
+        coincident frequencies are aligned; each then has the omega^2 of the nearest of them.
     """
     from scipy.optimize import linear_sum_assignment  # slow to import
 
     turn = aligning(hermitian(solid, shapes, vectors), squares)
-    vectors, squares = vectors @ turn, (np.abs(turn) ** 2).T @ squares  # these are returned
+    _, taken = linear_sum_assignment(-(np.abs(turn) ** 2))
+    vectors, squares = vectors @ turn, squares[np.argsort(taken)]  # these are returned
     common = hermitian(solid, shapes, vectors)
     common = aligning(common.conj().T, before).conj().T @ common
     mac = _joint(common, np.diag(hermitian(solid, shapes.conj(), shapes)))
