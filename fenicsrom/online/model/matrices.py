@@ -244,8 +244,14 @@ class DenseModel:
         return mean, Tangent(matrix, float(coefficient))
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
-        """Elastic force (n,) and energy."""
-        return self.elastic(q)[0], self.energy(q)
+        """Elastic force (n,) and energy, whose tangent `start_tangent` gives."""
+        force, self._stiffness = self.elastic(q)
+        return force, self.energy(q)
+
+    def start_tangent(self, points: Array, weights: Array) -> Tangent:
+        """The `Tangent` of `elastic_over_step` at dq = 0, from the q of the last `elastic_at`."""
+        coefficient = float(points @ weights)
+        return Tangent(coefficient * self._stiffness, coefficient)
 
     def solve_effective(
         self,
