@@ -234,6 +234,23 @@ def test_sector_with_another_angle_is_refused(tmp_path: Path) -> None:
         build_solid(scene, MPI.COMM_SELF)
 
 
+def test_angle_that_no_sector_has_gives_no_number_of_sectors(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, *ring(), cyclic=CYCLIC | {"point": [0.03, 0.0]})
+    with refusal(ErrorKind.PLACE, key="cyclic.sectors", names="about the axis; look at"):
+        build_solid(scene, MPI.COMM_SELF)
+
+
+def test_load_on_a_cut_face_is_refused(tmp_path: Path) -> None:
+    load = {"group": "left", "direction": [1.0, 0.0], "force": 1.0}
+    with refusal(ErrorKind.CONFLICT, key="loads[0].group", names="cut face"):
+        scene_of(tmp_path, *ring(), cyclic=CYCLIC, loads=[load])
+
+
+def test_plane_sector_has_no_axis(tmp_path: Path) -> None:
+    with refusal(ErrorKind.CONFLICT, key="cyclic.axis", names="only allowed in 3D"):
+        scene_of(tmp_path, *ring(), cyclic=CYCLIC | {"axis": [1.0, 0.0, 0.0]})
+
+
 def test_point_beside_the_axis_of_rotation_is_refused(tmp_path: Path) -> None:
     turning = spinning(2) | {"point": [0.3, 0.0]}
     with refusal(ErrorKind.CONFLICT, key="cyclic.point", names="axis of [rotation]"):

@@ -600,6 +600,17 @@ def small(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("coriolis", ["true", "false"])
+def test_modes_say_that_they_leave_out_the_coriolis_force(
+    small: Path, tmp_path: Path, capsys: Any, coriolis: str
+) -> None:
+    sets = ["--set", f"rotation.coriolis={coriolis}", "--set", "output.pictures=false"]
+    assert main(["modes", str(small), "--output", str(tmp_path / "out"), *sets]) == 0
+    said = "leave out the Coriolis force" in capsys.readouterr().out
+    assert said == (coriolis == "true")
+
+
+@pytest.mark.slow
 def test_campbell_command_writes_its_files(small: Path, tmp_path: Path, capsys: Any) -> None:
     folder = tmp_path / "out"
     coriolis = ["--set", "rotation.coriolis=true"]

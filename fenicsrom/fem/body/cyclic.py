@@ -48,6 +48,9 @@ BESIDE = 0.1
 APART = 0.02
 """Largest distance of a node from the other face, turned, relative to its facet."""
 
+WHOLE = 1e-3
+"""A number of sectors is so near to an integer, relative to it."""
+
 PART = 0.5
 """Supports may leave out this part of the following face."""
 
@@ -161,10 +164,10 @@ class CutFaces:
         wanted = 2.0 * np.pi / self.sectors
         near = 2.0 * np.pi / max(abs(found), 1e-9)
         if round(near) != self.sectors:
-            allowed = (
-                f"the cut faces enclose {np.degrees(abs(found)):.4g}° about the axis, that is one "
-                f"of {near:.4g} sectors; look at cyclic.axis and cyclic.point, too"
-            )
+            text = f"the cut faces enclose {np.degrees(abs(found)):.4g}° about the axis"
+            if abs(near - round(near)) < WHOLE * near:
+                text += f", as one of {round(near)} sectors does"
+            allowed = f"{text}; look at cyclic.axis and cyclic.point, too"
             raise self._refused("sectors", self.sectors, allowed)
         return float(np.copysign(wanted, found))
 

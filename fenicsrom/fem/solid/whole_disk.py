@@ -161,7 +161,8 @@ def _problems(scene: Scene) -> Problems:
         **{f"loads[{k}].engine_order": x.everywhere and x.order for k, x in enumerate(scene.loads)},
     }
     for key in filter(unusual.get, unusual):
-        yield Problem(key, f"not allowed {what}", value=plain(unusual[key]))
+        reason = " with contacts.against" if key == "damping.ratios" else ""
+        yield Problem(key, f"not allowed{reason} {what}", value=plain(unusual[key]))
 
 
 def damp_waves(body: Solid, sector: Solid, scene: Scene) -> None:

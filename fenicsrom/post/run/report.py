@@ -553,7 +553,9 @@ def _of_study(study: Study) -> Iterator[Section]:
             {"mode": label, "frequency Hz": "0 (rigid)" if label.endswith("R") else f"{f:.5g}"}
             for label, f in hertz
         )
-        yield Section("Modes", [modes], terminal=alone)
+        turning = study.scene.rotation is not None and study.scene.rotation.coriolis
+        said = "These leave out the Coriolis force: see `fenicsrom campbell`." if turning else None
+        yield Section("Modes", [modes, said], terminal=alone)
     if study.contact_hz is not None:
         free, stuck = study.contact_hz.T
         first = "closed points stuck" if study.scene.joined else "without contact"

@@ -303,7 +303,10 @@ def _place_problems(scene: Scene) -> Problems:
         if len(given) > 1:
             first, second = list(given)[:2]
             yield Problem(f"{key}.{second}", f"not allowed with {first}")
+    cuts = (scene.cyclic.left, scene.cyclic.right) if scene.cyclic else ()
     for key, place in _places(scene):
+        if place.group in cuts and key != "probe":
+            yield Problem(f"{key}.group", "must not be a cut face of [cyclic]")
         if place.at == "nodes" and not key.startswith("contacts"):
             yield Problem(f"{key}.at", 'only allowed for a contact; use "mean" or "centre"')
         if place.at != "mean" and (place.node or place.nearest):

@@ -12,6 +12,8 @@ from fenicsrom.scene.keys import times
 from fenicsrom.scene.keys.rotation import Rotation
 from fenicsrom.scene.keys.schema import Scene
 
+IN_PLANE = "only allowed in 3D; in 2D the axis is normal to the plane"
+
 
 def rotation_problems(scene: Scene) -> Problems:
     """Yield the problems of the axis and the speeds."""
@@ -19,7 +21,7 @@ def rotation_problems(scene: Scene) -> Problems:
     if rotation is None:
         return
     if scene.geometry.dimension == 2 and rotation.axis is not None:
-        yield Problem("rotation.axis", "only allowed in 3D; in 2D the axis is normal to the plane")
+        yield Problem("rotation.axis", IN_PLANE)
     if scene.geometry.dimension == 3 and rotation.axis is None:
         yield Problem("rotation.axis", "must be a vector along the axis in 3D")
     if scene.reference.beam:
@@ -40,7 +42,9 @@ def cyclic_problems(scene: Scene) -> Problems:
         yield Problem("cyclic.axis", "must be a vector along the axis in 3D", value=MISSING)
     if cyclic.left == cyclic.right:
         yield Problem("cyclic.right", "must be another group than cyclic.left")
-    if rotation is not None and not _are_parallel(axis, rotation.axis):
+    if scene.geometry.dimension == 2 and cyclic.axis is not None:
+        yield Problem("cyclic.axis", IN_PLANE)
+    elif rotation is not None and not _are_parallel(axis, rotation.axis):
         yield Problem("cyclic.axis", "must be along rotation.axis")
     elif rotation is not None and cyclic.point is not None:
         if _off_axis(tuple(map(sub, cyclic.point, _origin(rotation, scene))), axis):
