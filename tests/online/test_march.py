@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from support import (
-    assert_same_motion,
     enriched,
     fixed_steps,
     harmonic,
@@ -347,25 +346,6 @@ def dropped(steps: int, stiffness: float, duration: float = 4.0) -> Motion:
     contacts = one_contact(gap=0.05, normal_stiffness=stiffness)
     settings = fixed_steps("discrete-gradient", steps, duration)
     return integrate(Problem(model, contacts, settings, None), start=(np.zeros(2), np.zeros(2)))
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_first_guess_of_a_step_does_not_change_the_motion(
-    scheme: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The fastest mode vibrates by five radians in a step: extrapolated steps take longer."""
-    model = random_model(3, seed=3, damping=0.1, masters=2, force=3.0)
-    model.elastic.stiffness[2, 2] += 1e4
-    contacts = one_contact(
-        preload=0.3, normal_stiffness=6.0, tangential_stiffness=5.0, friction=0.4
-    )
-    problem = Problem(model, contacts, fixed_steps(scheme, 120, 6.0), None)
-    start = np.array([0.3, -0.2, 0.05]), np.zeros(3)
-    ahead = integrate(problem, start=start, compiled=False)
-    monkeypatch.setattr("fenicsrom.online.step.step.solves_ahead", lambda scheme: False)
-    extrapolated = integrate(problem, start=start, compiled=False)
-    assert_same_motion(ahead, extrapolated, 1e-10)
-    assert ahead.newton_iterations < 0.8 * extrapolated.newton_iterations
 
 
 def test_contact_too_stiff_for_the_step_does_not_ring() -> None:

@@ -101,17 +101,6 @@ def test_force_of_a_step_is_its_mean_and_its_tangent(name: str, depth: int | Non
     )
 
 
-def test_tangent_at_the_start_of_a_step_is_that_of_a_step_of_no_length() -> None:
-    model, q0, nothing = pressed(), np.array([0.3, -0.5, 0.2]), np.zeros(3)
-    points, weights = np.array([0.2, 0.8]), np.array([0.3, 0.7])
-    model.set_interval(0.4, 0.4)
-    force = model.elastic_at(q0)[0].copy()
-    found = model.start_tangent(points, weights).matrix.copy()
-    mean, wanted = model.elastic_over_step(nothing, q0, nothing, 0.0, points, weights)
-    np.testing.assert_allclose(force, mean, rtol=1e-12)
-    np.testing.assert_allclose(found, wanted.matrix, rtol=1e-12)
-
-
 def test_model_at_rest_feels_the_static_pressure_only() -> None:
     model = pressed()
     model.set_interval(0.4, 0.9)

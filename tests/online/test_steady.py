@@ -165,14 +165,14 @@ def test_march_on_its_way_is_refused_with_the_periods_that_it_needs(
 def test_march_that_stays_away_from_a_stable_motion_is_refused() -> None:
     """The oscillator with two wells: beside the motion of one period there is a chaotic one."""
     model, period = duffing(0.15, 1.0, 0.27, 1.0, linear=-1.0)
-    motion = run(model, period, start=at(0.1, 0.1), periods=15)
+    motion = run(model, period, start=at(0.3, 0.6), periods=45)
     assert not motion.steady and motion.search is not None
     assert response_summary(motion)["periodic_motion"]["verdict"] == "not reached"
     scene: Any = SimpleNamespace(time=Time.of(steady_tolerance=1e-5))
     with pytest.raises(AccuracyError, match="was not seen to come nearer") as caught:
         check_settled(scene, motion)
     assert caught.value.key == "time.periods"
-    asked = run(model, period, start=at(0.1, 0.1), periods=15, steady_tolerance=0.0)
+    asked = run(model, period, start=at(0.3, 0.6), periods=45, steady_tolerance=0.0)
     np.testing.assert_array_equal(asked.displacement, motion.displacement)
     check_settled(scene, asked)
 

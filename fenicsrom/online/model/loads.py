@@ -355,15 +355,12 @@ def subtract_pressure(
 
 @kernel
 def subtract_pressure_at_end(pressure: PressurePolynomial, work: Workspace, q: Array) -> None:
-    """Subtract the force at q at the end of a step, and its derivative: force and stiffness."""
+    """Subtract the force at q at the end of a step from work.force."""
     force, tangent = work.pressure_vectors[1], work.pressure_tangent
     for k in range(pressure.numbers.size):
-        factor = work.pressure_factors[1, k]
         write_pressure(pressure, k, q, force, tangent)
         for i in range(q.size):
-            work.force[i] -= factor * force[i]
-            for j in range(q.size):
-                work.stiffness[i, j] -= factor * tangent[i, j]
+            work.force[i] -= work.pressure_factors[1, k] * force[i]
 
 
 @kernel

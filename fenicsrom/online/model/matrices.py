@@ -244,14 +244,8 @@ class DenseModel:
         return mean, Tangent(matrix, float(coefficient))
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
-        """Elastic force (n,) and energy, whose tangent `start_tangent` gives."""
-        force, self._stiffness = self.elastic(q)
-        return force, self.energy(q)
-
-    def start_tangent(self, points: Array, weights: Array) -> Tangent:
-        """The `Tangent` of `elastic_over_step` at dq = 0, from the q of the last `elastic_at`."""
-        coefficient = float(points @ weights)
-        return Tangent(coefficient * self._stiffness, coefficient)
+        """Elastic force (n,) and energy."""
+        return self.elastic(q)[0], self.energy(q)
 
     def solve_effective(
         self,

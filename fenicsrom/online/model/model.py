@@ -346,32 +346,16 @@ class ReducedModel(NamedTuple):
         return self.work.force, Tangent(self.work.tangent, coefficient)
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
-        """Elastic force (n,) and energy at q, whose tangent `start_tangent` gives."""
+        """Elastic force (n,) and energy at q."""
         work = self.work
         energy = elastic_force_with(
-            self.elastic, work.columns, work.points, work.products, q, work.force, work.stiffness
+            self.elastic, work.columns, work.points, work.products, q, work.force, work.tangent
         )
         if self.pressure.numbers.shape[0] > 0:
             subtract_pressure_at_end(self.pressure, self.work, q)
         if self.turning.history.shape[0] > 0:
-            energy += add_turning_at_end(
-                self.turning,
-                work.speeds[1],
-                self.velocity_matrix,
-                q,
-                work.force,
-                work.stiffness,
-                work.velocity,
-            )
+            energy += add_turning_at_end(self.turning, self.work.speeds[1], q, self.work.force)
         return self.work.force, energy
-
-    def start_tangent(self, points: Array, weights: Array) -> Tangent:
-        """The `Tangent` of `elastic_over_step` at dq = 0, from the q of the last `elastic_at`."""
-        work, coefficient = self.work, inner(points, weights)
-        for i in range(self.mass.shape[0]):
-            for j in range(self.mass.shape[0]):
-                work.tangent[i, j] = coefficient * work.stiffness[i, j]
-        return Tangent(work.tangent, coefficient)
 
     def solve_effective(
         self,
@@ -547,9 +531,9 @@ def _tidy(values: Any, integers: str = "") -> Any:
 
 
 OPERATIONS = (
-    *("set_interval", "pressure_work", "elastic_over_step", "elastic_at", "start_tangent"),
-    *("solve_effective", "write_normal_flexibility", "contact_displacement", "contact_change"),
-    *("add_contact_force", "probe_displacement"),
+    *("set_interval", "pressure_work", "elastic_over_step", "elastic_at", "solve_effective"),
+    *("write_normal_flexibility", "contact_displacement", "contact_change", "add_contact_force"),
+    "probe_displacement",
     *("mass_times", "velocity_times", "dot", "load", "write_momentum"),
 )
 """The methods that compiled code calls."""

@@ -52,7 +52,6 @@ class Workspace(NamedTuple):
         products: (3, 2, p) see `elastic_products`.
         force: (n,) elastic force.
         tangent: (n, n) its derivative.
-        stiffness: (n, n) the derivative at the q of the last `ReducedModel.elastic_at`.
         factor: (n, n) factors of the last effective stiffness.
         pivots: (n,)
         key: (3,) mass, velocity and tangent coefficient of the factor, by which a linear model
@@ -78,7 +77,6 @@ class Workspace(NamedTuple):
     products: Annotated[Array, "3 2 p"]
     force: Annotated[Array, "n"]
     tangent: Annotated[Array, "n n"]
-    stiffness: Annotated[Array, "n n"]
     factor: Annotated[Array, "n n"]
     pivots: Annotated[NDArray[np.int64], "n"]
     key: Annotated[Array, "3"]

@@ -160,32 +160,12 @@ def added_inertia(turning: Turning, q: Array) -> float:
 
 
 @kernel
-def add_turning_at_end(
-    turning: Turning,
-    omega: float,
-    damping: Array,
-    q: Array,
-    force: Array,
-    stiffness: Array,
-    velocity: Array,
-) -> float:
-    """Add the centrifugal force at q (n,) and its derivative; returns what (3) adds to V, J.
-
-    Args:
-        turning: the data.
-        omega: the speed, rad/s.
-        damping: (n, n) D without the Coriolis force.
-        q: (n,).
-        force: (n,) in and out.
-        stiffness: (n, n) in and out, its derivative.
-        velocity: (n, n) out: D + Omega G.
-    """
+def add_turning_at_end(turning: Turning, omega: float, q: Array, force: Array) -> float:
+    """Add the centrifugal force at q (n,) to a force (n,); returns what (3) adds to V, J."""
     for i in range(q.size):
         value = turning.centrifugal[i]
         for j in range(q.size):
             value += turning.softening[i, j] * q[j]
-            stiffness[i, j] -= omega * omega * turning.softening[i, j]
-            velocity[i, j] = damping[i, j] + omega * turning.coriolis[i, j]
         force[i] -= omega * omega * value
     return -0.5 * omega * omega * added_inertia(turning, q) - rest_energy(turning, omega)
 

@@ -20,9 +20,9 @@ Each Newton iteration solves the structure for the residual and for unit contact
 points that may touch (`fenicsrom.online.contact.problem`), and then the contact problem in full
 in the few contact coordinates (`fenicsrom.online.contact.problem.solve_contact`): the iteration
 over the structure meets no kink.
-This iteration starts from a solution with the tangent at the start of the step. It stops when the
-predicted Newton decrement |r . dq| falls below `NEWTON_TOLERANCE` squared times the energy in the
-system, a test that does not depend on units. A step that does not converge is halved.
+This iteration stops when the predicted Newton decrement |r . dq| falls below `NEWTON_TOLERANCE`
+squared times the energy in the system, a test that does not depend on units. A step that does not
+converge is halved.
 
 The loop over the steps is in `fenicsrom.online.step.step`.
 """

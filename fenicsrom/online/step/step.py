@@ -62,9 +62,8 @@ from fenicsrom.online.step.state import (
     WORK,
 )
 
-NEWTON_TOLERANCE = 1e-15
-FACTOR_TOLERANCE = 1e-14  # of a model that keeps a factor
-CONTACT_TOLERANCE = 1e-12  # of such a model with contact: less is rounding
+NEWTON_TOLERANCE = 1e-14
+CONTACT_TOLERANCE = 1e-12  # of a model with contact that keeps a factor: less is rounding
 NEWTON_ROUNDING = 1e-13  # part of the energy; a smaller decrement that stops decreasing is rounding
 NEWTON_ITERATIONS = 15
 DIVERGENCE = 1e8  # growth of the decrement at which the iteration stops
@@ -215,7 +214,7 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
     model.set_interval(interval.begin, interval.end)
     combine(trial.inertia_offset, coefficients.inertia_v, state.v, coefficients.inertia_a, state.a)
     combine(trial.external_force, 1.0 - af, load_ahead, af, state.load_vector)
-    guess_step(model, scheme, state, coefficients, h)
+    guess_step(model, state, h)
     count = choose_candidates(step, scheme.all_points)
     iterations = 0
     while True:
@@ -229,40 +228,14 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
         if found == count:
             return True, iterations
         count = found
-        guess_step(model, scheme, state, coefficients, h)
+        guess_step(model, state, h)
 
 
 @also_compiled
-def solves_ahead(scheme):  # type: ignore[no-untyped-def]
-    """Whether the first guess of a step is a solution with the tangent at its start.
-
-    Unlike an extrapolation it follows what vibrates too fast for the step. A linear model solves
-    for the step itself at once, and one that keeps a factor has no tangent at the start.
-    """
-    return scheme.quadratic and not scheme.linear
-
-
-@also_compiled
-def guess_step(model, scheme, state, coefficients, h):  # type: ignore[no-untyped-def]
-    """Write the first guess of a step of size h and of the contact displacements at its end.
-
-    It is one iteration of Newton's method from dq = 0 with the contact forces of the start, or
-    extrapolated (`solves_ahead`).
-    """
+def guess_step(model, state, h):  # type: ignore[no-untyped-def]
+    """Write the first guess of a step of size h and of the contact displacements at its end."""
     trial = state.trial
-    if not solves_ahead(scheme):
-        extrapolate(trial.dq, state, h)
-    else:
-        combine(trial.dq, 0.0, state.q, 0.0, state.q)
-        write_residual(model, scheme, state, coefficients, state.elastic_force)
-        write_known_force(trial.scratch, state.contact)
-        model.add_contact_force(trial.residual, trial.scratch.known_force)
-        tangent = model.start_tangent(scheme.points, scheme.weights)
-        none = trial.scratch.directions[:0]
-        y, _, _ = model.solve_effective(
-            coefficients.mass, coefficients.velocity_dq, tangent, trial.residual, none
-        )
-        copy_vector(trial.dq, y)
+    extrapolate(trial.dq, state, h)
     combine(trial.vector, 1.0, state.q, 1.0, trial.dq)
     copy_to_points(trial.contact.x, model.contact_displacement(trial.vector))
 
@@ -281,8 +254,7 @@ def iterate(model, scheme, state, step, coefficients, count):  # type: ignore[no
     trial, scratch, q0, d = state.trial, state.trial.scratch, state.q, state.contact.x.shape[1]
     first, last = 0.0, 0.0
     candidates, directions = scratch.candidates[:count], scratch.directions[: count * d]
-    kept = FACTOR_TOLERANCE if count == 0 else CONTACT_TOLERANCE
-    tolerance = NEWTON_TOLERANCE if scheme.quadratic else kept
+    tolerance = NEWTON_TOLERANCE if scheme.quadratic or count == 0 else CONTACT_TOLERANCE
     write_known_force(scratch, state.contact)
     for iteration in range(1, NEWTON_ITERATIONS + 1):
         elastic, tangent = model.elastic_over_step(
@@ -511,9 +483,6 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
     """
     s = state.scalars
     state.trial.scratch.blended_step[0] = np.nan  # model, contacts or resumed run may be others
-    if solves_ahead(scheme):
-        model.set_interval(s[TIME], s[TIME])
-        model.elastic_at(state.q)
     rows = 0
     slack = 1e-9 * control.grid
     while end - s[TIME] > slack:
