@@ -278,7 +278,7 @@ def checked(found: Study | Rerun, meshes: Meshes | None) -> tuple[str, Failure] 
     notes = error_notes(scene, found.errors, motion)
     said = {note.quantity for note in outside}
     found.warnings.extend([*outside, *(note for note in notes if note.quantity not in said)])
-    if isinstance(found.model, ReducedModel):
+    if scene.damping.stiffness > 0.0 and isinstance(found.model, ReducedModel):
         found.warnings.extend(shortening_notes(found.stored, motion))
     return None
 

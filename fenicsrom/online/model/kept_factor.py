@@ -33,8 +33,7 @@ class KeptFactor:
     Attributes:
         iteration: its number, from 1.
         was_long: whether the last step needed more iterations than that which made the factor.
-        is_slow: whether the last change is too large after the one before; the first change with a
-            factor shows the error that the factor before has left.
+        is_slow: whether the last change is too large after the one before.
         renewals: number of factorisations in this step.
     """
 
@@ -49,7 +48,7 @@ class KeptFactor:
         self._start: Array | None = None
         self._dq: Array = np.zeros(0)
         self._change = np.inf
-        self.iteration, self.renewals, self._least, self._made = 0, 0, 0, 0
+        self.iteration, self.renewals, self._least = 0, 0, 0
         self.was_long, self.is_slow = False, False
 
     def note(self, q0: Array, dq: Array) -> None:
@@ -58,19 +57,17 @@ class KeptFactor:
             if self.renewals:
                 self._least = self.iteration
             self._start, self.was_long = q0.copy(), self.iteration > self._least + MORE
-            self.iteration, self.renewals, self._made = 0, 0, 0
+            self.iteration, self.renewals = 0, 0
             self._change = change = np.inf
         else:
             change = self._distance(dq, self._dq)
         self.iteration += 1
-        slow = not change <= self._contraction * self._change
-        self.is_slow = slow and self.iteration > self._made + 1
+        self.is_slow = not change <= self._contraction * self._change
         self._dq, self._change = dq.copy(), change
 
     def renew(self) -> None:
         """Note that this iteration makes a factor."""
         self.renewals += 1
-        self._made = self.iteration
 
     def _distance(self, a: Array, b: Array) -> float:
         return float(np.sqrt(self._dot(a - b, a - b)))
