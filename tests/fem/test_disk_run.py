@@ -595,3 +595,9 @@ def test_sector_with_nodes_on_the_axis_is_refused_in_time(tmp_path: Path) -> Non
     )
     with refusal(ErrorKind.PLACE, key="cyclic.left", names="bore"):
         run(scene)
+
+
+def test_cut_faces_that_supports_hold_everywhere_are_refused_in_time(tmp_path: Path) -> None:
+    held = [{"group": CYCLIC["left"]}, {"group": CYCLIC["right"]}]
+    with refusal(ErrorKind.PLACE, key="cyclic.left", names="held everywhere by supports"):
+        run(sector_scene(tmp_path, 1, supports=held))

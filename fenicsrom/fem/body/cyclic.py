@@ -260,11 +260,17 @@ class CutFaces:
 
         Args:
             fields: (local, k) complex displacements; all real and imaginary parts weigh alike.
+
+        Raises:
+            SceneError: the cut faces meet on the axis, or supports hold them everywhere.
         """
         self.require_bore("a disk in time")
         parts = np.concatenate([fields.real, fields.imag], axis=1)
         found = self._of_leaders(parts.reshape(-1, self._d, parts.shape[1]))
         found = found.reshape(-1, parts.shape[1])
+        if not found.any():
+            reason = "must not be held everywhere by supports in a disk in time"
+            raise self._refused("left", self._cyclic.left, reason)
         sizes = np.linalg.norm(found, axis=0)
         kept = sizes > INDEPENDENT * sizes.max(initial=0.0)
         shapes, values, _ = np.linalg.svd(found[:, kept] / sizes[kept], full_matrices=False)
