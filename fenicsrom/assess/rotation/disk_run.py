@@ -264,7 +264,7 @@ def disk_run(disk: StoredDisk, timed: Timer) -> DiskRun:
     varying = [each for each in moving if not each.steady]
     if scene.time.steady_tolerance and not found.ended and varying:
         text = f"the motion does not repeat after {counted(varying[0].periods, 'period')}: raise "
-        text += "time.periods"
+        text += "time.periods or time.steady_tolerance"
         warnings.append(Note(NoteKind.UNSETTLED, text, "time.periods"))
     found.seconds = working_time() - begin
     return found
