@@ -33,6 +33,10 @@ if TYPE_CHECKING:
 
 SYMMETRIC = 1e-6  # a smaller part of the tangent that is not symmetric is rounding
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
+NO_POTENTIAL = (
+    "the follower pressures have no potential: the tangent stiffness is not symmetric, and the "
+    "negative pivots, which tell stable from unstable equilibria, are those of its symmetric part"
+)
 HALVED = (
     0.01  # change by half the steps from which the stability of a path with friction is doubted
 )
@@ -190,10 +194,7 @@ def equilibrium_path(
         follower = PathFollower(body, sizes, lowest, table.last)
         _follow(follower, body, found, visit)
         if follower.equations.asymmetry > SYMMETRIC:
-            text = "the follower pressures have no potential: the tangent stiffness is not "
-            text += "symmetric, and the negative pivots, which tell stable from unstable "
-            text += "equilibria, are those of its symmetric part"
-            note = Note(NoteKind.WARNING, text, quantity=STABILITY)
+            note = Note(NoteKind.WARNING, NO_POTENTIAL, quantity=STABILITY)
             if scene.joined:
                 body.pressures.static = constant
                 note = _friction_note(found, partial(PathFollower, body, sizes, lowest, table.last))

@@ -25,9 +25,9 @@ from fenicsrom.assess.studies.compare import (
     with_combination,
 )
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.mesh.mesh import Mesh, build_mesh
 from fenicsrom.fem.solid.fixed_sector import stored_disk
-from fenicsrom.fem.solid.solid import solid_of
+from fenicsrom.fem.solid.solid import Solid, solid_of
 from fenicsrom.fem.solid.whole_disk import as_sectors, damp_waves, picks, whole_scene
 from fenicsrom.notes import Note, NoteKind, note_of
 from fenicsrom.online.model.disk_model import deviations, disk_scene
@@ -59,11 +59,7 @@ def compare_disk(scene: Scene, comm: Any) -> Comparison:
     with timed(cold, "compilation"):
         first = stored_disk(scenes[wanted[0]], mesh, partial(timed, {}))
     points = first.sector.model.points
-    body = solid_of(whole, build_mesh(scene.geometry, comm, scene.cyclic, picks(scene)))
-    if any(scene.damping.modal):
-        sector = solid_of(scene, mesh)
-        damp_waves(body, sector, scene)
-        sector.destroy()
+    body = _body(scene, whole, mesh)
     log.info(f"the whole disk in finite elements has {body.free} unknowns")
     full, full_run = full_motion(body, whole, "disk")
     beside = as_sectors(full, body, points, scene)
@@ -112,6 +108,17 @@ def compare_disk(scene: Scene, comm: Any) -> Comparison:
         warnings=list(dict.fromkeys(warned)),
         interrupted=interrupted,
     )
+
+
+def _body(scene: Scene, whole: Scene, mesh: Mesh) -> Solid:
+    """The whole disk in finite elements, with the modal damping of the waves of its sector."""
+    comm = mesh.domain.comm
+    body = solid_of(whole, build_mesh(scene.geometry, comm, scene.cyclic, picks(scene)))
+    if any(scene.damping.modal):
+        sector = solid_of(scene, mesh)
+        damp_waves(body, sector, scene)
+        sector.destroy()
+    return body
 
 
 def _disk_notes(told: dict[Note, list[str]], count: int) -> list[Note]:
