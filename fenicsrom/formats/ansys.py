@@ -50,7 +50,13 @@ BONDED, ROUGH, NO_SEPARATION = {3, 5, 6}, {1}, {2, 4}
 """KEYOPT(12) of contacts that are tied, that never slip, and that never part."""
 
 CONSTANTS = {
-    **{"EX": "E", "EY": "Ey", "EZ": "Ez", "NUXY": "nu", "PRXY": "nu", "DENS": "rho", "MU": "mu"}
+    "EX": "E",
+    "EY": "Ey",
+    "EZ": "Ez",
+    "NUXY": "nu",
+    "PRXY": "nu",
+    "DENS": "rho",
+    "MU": "mu",
 }
 """Constants by the names of MP."""
 

@@ -290,8 +290,9 @@ def _reduced(solid: Solid, scene: Scene, asked: int, speeds: Array) -> ReducedWa
         with _wave(body, h) as one:
             squares.append(wave_modes(one, asked * directions(solid, h))[0])
     error = float(np.max(np.abs(squares[0] / squares[1] - 1.0))) / 2.0
-    (found if error < WAVE_ERROR else solid).spin(np.pi / 30.0 * float(speeds[0]))
-    if error > WAVE_ERROR:
+    exact = error <= WAVE_ERROR
+    (found if exact else solid).spin(np.pi / 30.0 * float(speeds[0]))
+    if not exact:
         return None
     known = ", ".join(map(str, found.diameters))
     text = f"the waves of {known} nodal diameters at 3 speeds give all others; the frequencies of "
